@@ -1,0 +1,67 @@
+"""The door: the group of verbs. Each verb is imported when it is asked for, numpy and numba inside its body."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from dynmap_cli import __version__
+from dynmap_cli.errors import DynmapError
+
+VERBS = (
+    "build",
+    "ingest",
+    "map",
+    "segment",
+    "cluster",
+    "localize",
+    "info",
+    "simulate",
+    "evaluate",
+    "config",
+    "warmup",
+)
+
+EPILOG = (
+    "Exit codes: 0 done, 1 internal error (a bug, with traceback), 2 usage, 3 settings or scenario, "
+    "4 recording, 5 files between stages or output, 130 interrupted."
+)
+
+
+class DynmapGroup(click.Group):
+    """Load verbs on demand and print expected failures as one line, with their exit code."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the verbs in the order of the work."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the module of the verb."""
+        if cmd_name not in VERBS:
+            return None
+        module = importlib.import_module(f"dynmap_cli.commands.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the chosen verb."""
+        try:
+            return super().invoke(ctx)
+        except DynmapError as err:
+            click.echo(f"dynmap: {err}", err=True)
+            sys.exit(err.exit_code)
+        except KeyboardInterrupt:
+            click.echo("dynmap: interrupted; finished stages are kept", err=True)
+            sys.exit(130)
+
+
+@click.group(
+    cls=DynmapGroup,
+    epilog=EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="dynmap")
+def main() -> None:
+    """Turn recorded robot logs into maps of places that change, and localize later recordings in them."""

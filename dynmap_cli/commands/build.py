@@ -1,0 +1,42 @@
+"""`dynmap build`: from recordings to a patch map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+
+STAGE_NAMES = ("ingest", "map", "segment", "cluster", "report")
+
+
+@click.command("build")
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
+@click.option("--force", is_flag=True, help="Run every stage, also those that are up to date.")
+@click.option(
+    "--from", "force_from", type=click.Choice(STAGE_NAMES), help="Run this stage and all later ones."
+)
+@recording_options
+@shared_options
+def command(
+    recordings: tuple[Path, ...], run_dir: Path, force: bool, force_from: str | None, shared: Shared
+) -> None:
+    """Read LOG, find path, map and moving beams, the areas that change and the states they take."""
+    from dynmap_cli.pipeline import build
+
+    results = build(
+        run_dir,
+        recordings,
+        shared.config,
+        threads=shared.threads,
+        force_from=STAGE_NAMES[0] if force else force_from,
+    )
+    lines = [
+        f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
+    ]
+    lines += [f"map      {run_dir / 'map/map.yaml'}", f"patches  {run_dir / 'patches/patches.zip'}"]
+    lines += [f"report   {run_dir / 'report.html'}"]
+    summary = {result.stage: {**result.manifest.summary, "ran": result.ran} for result in results}
+    print_summary({"run": str(run_dir), "stages": summary}, lines, as_json=shared.as_json)

@@ -1,0 +1,26 @@
+"""`dynmap config show`: the settings in effect."""
+
+from __future__ import annotations
+
+import click
+
+from dynmap_cli.commands.options import Shared, shared_options
+
+
+@click.group("config")
+def command() -> None:
+    """Show settings."""
+
+
+@command.command("show")
+@shared_options
+def show(shared: Shared) -> None:
+    """Print the settings in effect as YAML, with what each means and where it came from."""
+    import json
+
+    from dynmap_cli.config import as_commented_yaml
+
+    if shared.as_json:
+        click.echo(json.dumps(shared.config.model_dump(mode="json"), indent=2))
+    else:
+        click.echo(as_commented_yaml(shared.loaded), nl=False)

@@ -1,0 +1,147 @@
+"""Options that several verbs share, defined once."""
+
+from __future__ import annotations
+
+import functools
+import json
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from dynmap_cli.config import Config, LoadedConfig
+
+Function = Callable[..., Any]
+PATH = click.Path(path_type=Path)
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What the shared options said.
+
+    Attributes
+    ----------
+    loaded : LoadedConfig
+        Settings in effect, with where each came from.
+    threads : int
+    as_json : bool
+    """
+
+    loaded: LoadedConfig
+    threads: int
+    as_json: bool
+
+    @property
+    def config(self) -> Config:
+        """The settings in effect."""
+        return self.loaded.config
+
+
+def shared_options(function: Function) -> Function:
+    """Add --config, --set, --seed, --threads, --json, -v and -q; the verb gets one `shared` argument."""
+
+    @click.option("--config", "config_path", type=PATH, help="YAML file with settings.")
+    @click.option(
+        "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated."
+    )
+    @click.option("--seed", type=click.IntRange(min=0), help="Seed of everything random (default 0).")
+    @click.option("--threads", type=click.IntRange(min=0), default=0, help="Threads to use; 0 = all cores.")
+    @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
+    @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
+    @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
+    @functools.wraps(function)
+    def wrapper(
+        *args: Any,
+        config_path: Path | None,
+        assignments: tuple[str, ...],
+        seed: int | None,
+        threads: int,
+        as_json: bool,
+        verbose: int,
+        quiet: bool,
+        **kwargs: Any,
+    ) -> None:
+        import os
+
+        from dynmap_cli.config import load_config, parse_assignments
+
+        set_up_logging(verbose, quiet=quiet)
+        words = parse_assignments(assignments)
+        words.update({key: value for key, value in kwargs.pop("settings", {}).items() if value is not None})
+        if seed is not None:
+            words["seed"] = seed
+        shared = Shared(load_config(config_path, words), threads or os.cpu_count() or 1, as_json)
+        function(*args, shared=shared, **kwargs)
+
+    return wrapper
+
+
+def recording_options(function: Function) -> Function:
+    """Add --scan-topic, --odom and --laser-pose, which stand for settings of the section `ingest`."""
+
+    @click.option("--scan-topic", help="Topic of the laser scans (default: found on its own).")
+    @click.option("--odom", help="Odometry: a topic, 'tf' or 'none' (default: found on its own).")
+    @click.option(
+        "--laser-pose", metavar="X,Y,YAW", help="Pose of the laser on the robot, metres and radians."
+    )
+    @functools.wraps(function)
+    def wrapper(
+        *args: Any,
+        scan_topic: str | None,
+        odom: str | None,
+        laser_pose: str | None,
+        **kwargs: Any,
+    ) -> None:
+        settings = {
+            "ingest.scan_topic": scan_topic,
+            "ingest.odom": odom,
+            "ingest.laser_pose": None if laser_pose is None else _three_numbers(laser_pose),
+        }
+        function(*args, settings=settings, **kwargs)
+
+    return wrapper
+
+
+def set_up_logging(verbose: int, *, quiet: bool) -> None:
+    """Send log lines to stderr; -q leaves errors, -v adds details."""
+    level = logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO
+    logger = logging.getLogger("dynmap_cli")
+    logger.setLevel(level)
+    logger.handlers.clear()
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    logger.addHandler(handler)
+
+
+def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -> None:
+    """Write the result of a verb to stdout: JSON for programs, lines for people."""
+    if as_json:
+        click.echo(json.dumps(summary, indent=2, sort_keys=True))
+    else:
+        for line in lines:
+            click.echo(line)
+
+
+def _three_numbers(text: str) -> tuple[float, ...]:
+    """Read x,y,yaw."""
+    try:
+        values = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3:
+        msg = f"--laser-pose {text}: expected x,y,yaw in metres and radians, for instance 0.2,0,0"
+        raise click.UsageError(msg)
+    return values
+
+
+def run_single_stage(name: str, run_dir: Path, shared: Shared, *, force: bool) -> None:
+    """Run one stage of a run directory and print what it found."""
+    from dynmap_cli.pipeline import run_one
+
+    summary = run_one(run_dir, name, shared.config, threads=shared.threads, force=force).manifest.summary
+    print_summary(summary, summary.get("lines", []), as_json=shared.as_json)

@@ -1,0 +1,191 @@
+"""Settings: defaults < file < command line, checked once, frozen. Nothing is repaired in silence."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from dynmap_cli.clustering.settings import ClusteringSettings
+from dynmap_cli.errors import ConfigError
+from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.mapping.settings import MapSettings
+from dynmap_cli.segmentation.settings import SegmentationSettings
+
+
+class Config(BaseModel):
+    """All settings, one section per room."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = Field(0, ge=0, description="Seed of everything random.")
+    ingest: IngestSettings = IngestSettings()
+    map: MapSettings = MapSettings()
+    segmentation: SegmentationSettings = SegmentationSettings()
+    clustering: ClusteringSettings = ClusteringSettings()
+    localization: LocalizationSettings = LocalizationSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedConfig:
+    """Settings with where each that is not a default came from.
+
+    Attributes
+    ----------
+    config : Config
+    origins : dict of str to str
+        "section.key" -> file name or "command line".
+    """
+
+    config: Config
+    origins: dict[str, str]
+
+
+def load_config(path: Path | None, assignments: Mapping[str, Any]) -> LoadedConfig:
+    """Read the settings in effect.
+
+    Parameters
+    ----------
+    path : Path or None
+        YAML file.
+    assignments : mapping of "section.key" to value
+        From the command line.
+
+    Raises
+    ------
+    ConfigError
+        On an unknown key (with the nearest known one) or a value out of bounds.
+    """
+    values: dict[str, Any] = {}
+    origins: dict[str, str] = {}
+    if path is not None:
+        for key, value in _flat(_read_yaml(path), path).items():
+            _assign(values, key, value)
+            origins[key] = str(path)
+    for key, value in assignments.items():
+        _assign(values, key, value)
+        origins[key] = "command line"
+    try:
+        return LoadedConfig(Config.model_validate(values), origins)
+    except ValidationError as err:
+        raise ConfigError(_explain(err, origins)) from err
+
+
+def parse_assignments(words: Sequence[str]) -> dict[str, Any]:
+    """Turn `section.key=value` words into a mapping; values are read as YAML."""
+    assignments: dict[str, Any] = {}
+    for word in words:
+        key, sign, value = word.partition("=")
+        if not sign or not key:
+            msg = f"--set {word}: expected section.key=value, for instance map.resolution_m=0.1"
+            raise ConfigError(msg)
+        try:
+            assignments[key.strip()] = yaml.safe_load(value)
+        except yaml.YAMLError as err:
+            msg = f"--set {word}: the value is not YAML ({str(err).splitlines()[0]})"
+            raise ConfigError(msg) from err
+    return assignments
+
+
+def known_keys() -> dict[str, str]:
+    """Every "section.key" with its one line of description."""
+    keys: dict[str, str] = {}
+    for name, field in Config.model_fields.items():
+        if isinstance(field.default, BaseModel):
+            inner = type(field.default).model_fields
+            keys.update({f"{name}.{key}": value.description or "" for key, value in inner.items()})
+        else:
+            keys[name] = field.description or ""
+    return keys
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    """Read a settings file as a mapping."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f"{path}: settings cannot be read ({err})"
+        raise ConfigError(msg) from err
+    except yaml.YAMLError as err:
+        msg = f"{path}: not YAML ({' '.join(str(err).split())})"
+        raise ConfigError(msg) from err
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        msg = f"{path}: expected sections of 'key: value', found {type(content).__name__}"
+        raise ConfigError(msg)
+    return content
+
+
+def _flat(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Turn sections into "section.key" entries."""
+    flat: dict[str, Any] = {}
+    for section, value in content.items():
+        if isinstance(value, dict):
+            flat.update({f"{section}.{key}": inner for key, inner in value.items()})
+        elif value is None and section in Config.model_fields and section != "seed":
+            continue
+        elif section in Config.model_fields and section != "seed":
+            msg = f"{path}: '{section}' is a section of 'key: value' lines, found {value!r}"
+            raise ConfigError(msg)
+        else:
+            flat[str(section)] = value
+    return flat
+
+
+def _assign(values: dict[str, Any], key: str, value: Any) -> None:
+    """Set one dotted key after checking that it exists."""
+    known = known_keys()
+    if key not in known:
+        names = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        hint = f", did you mean '{names[0]}'?" if names else ""
+        section, dot, last = key.partition(".")
+        if names and dot and names[0].startswith(section + "."):
+            hint = f" in section '{section}', did you mean '{names[0].partition('.')[2]}'?"
+            key = last
+        msg = f"unknown setting '{key}'{hint} `dynmap config show` lists all"
+        raise ConfigError(msg)
+    section, dot, last = key.partition(".")
+    if dot:
+        values.setdefault(section, {})[last] = value
+    else:
+        values[key] = value
+
+
+def _explain(err: ValidationError, origins: dict[str, str]) -> str:
+    """One line for the first value that is not allowed."""
+    first = err.errors()[0]
+    key = ".".join(str(part) for part in first["loc"][:2])
+    where = origins.get(key, "settings")
+    return f"{where}: {key} = {first.get('input')!r} is not allowed: {first['msg']} ({known_keys().get(key, '')})"
+
+
+def as_commented_yaml(loaded: LoadedConfig) -> str:
+    """Write all settings as YAML, each with its one line of why and, if it is not a default, its origin."""
+    lines: list[str] = []
+    described = known_keys()
+    for name, value in loaded.config.model_dump(mode="json").items():
+        if not isinstance(value, dict):
+            lines += _commented(name, name, value, "", described, loaded.origins)
+            continue
+        lines += ["", f"{name}:"]
+        for key, inner in value.items():
+            lines += _commented(f"{name}.{key}", key, inner, "  ", described, loaded.origins)
+    return "\n".join(lines) + "\n"
+
+
+def _commented(
+    path: str, key: str, value: object, indent: str, described: Mapping[str, str], origins: Mapping[str, str]
+) -> list[str]:
+    """Return the description as a comment, then `key: value`."""
+    text = (
+        yaml.safe_dump(value, default_flow_style=True, width=10_000).removesuffix("\n").removesuffix("\n...")
+    )
+    origin = f"  # from {origins[path]}" if path in origins else ""
+    return [f"{indent}# {described[path]}", f"{indent}{key}: {text}{origin}"]

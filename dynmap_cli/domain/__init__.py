@@ -1,0 +1,1 @@
+"""What is carried between rooms: scans, poses, grids, sub-maps, patches."""

@@ -1,0 +1,119 @@
+"""Grids: row 0 has the lowest y, column 0 the lowest x; only `files/pgm.py` knows that a PGM is upside down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F64, I8, I64
+
+FREE, OCCUPIED, UNKNOWN = 0, 1, -1
+"""Values of a tri-state grid (int8)."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridFrame:
+    """Where a grid lies: axes parallel to the map frame, no rotation.
+
+    Attributes
+    ----------
+    resolution_m : float
+        Edge of a cell.
+    origin_x_m, origin_y_m : float
+        Lower left corner of cell (row 0, col 0) in the map frame.
+    rows, cols : int
+    """
+
+    resolution_m: float
+    origin_x_m: float
+    origin_y_m: float
+    rows: int
+    cols: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return self.rows, self.cols
+
+    def to_cells(self, points_m: F64) -> I64:
+        """(..., 2) points in the map frame -> (..., 2) row, col; may lie outside the grid."""
+        col = np.floor((points_m[..., 0] - self.origin_x_m) / self.resolution_m)
+        row = np.floor((points_m[..., 1] - self.origin_y_m) / self.resolution_m)
+        return np.stack([row, col], axis=-1).astype(np.int64)
+
+    def to_points(self, cells: I64) -> F64:
+        """(..., 2) row, col -> (..., 2) x, y of the cell centres."""
+        x = self.origin_x_m + (cells[..., 1] + 0.5) * self.resolution_m
+        y = self.origin_y_m + (cells[..., 0] + 0.5) * self.resolution_m
+        return np.stack([x, y], axis=-1)
+
+    def window(self, row: int, col: int, rows: int, cols: int) -> GridFrame:
+        """Frame of the cut-out that starts at (row, col)."""
+        return GridFrame(
+            self.resolution_m,
+            self.origin_x_m + col * self.resolution_m,
+            self.origin_y_m + row * self.resolution_m,
+            rows,
+            cols,
+        )
+
+
+def frame_around(points_m: F64, resolution_m: float, margin_m: float) -> GridFrame:
+    """Smallest frame on whole multiples of the resolution that holds all points (n, 2) and a margin."""
+    low = np.floor((points_m.min(axis=0) - margin_m) / resolution_m)
+    high = np.ceil((points_m.max(axis=0) + margin_m) / resolution_m)
+    cols, rows = np.maximum((high - low).astype(np.int64), 1)
+    return GridFrame(
+        resolution_m, float(low[0] * resolution_m), float(low[1] * resolution_m), int(rows), int(cols)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CountingMap:
+    """How often beams ended in each cell and how far they passed through it (Eq. 1.12-1.15).
+
+    `reflectance` is the probability that a beam is *reflected* by the cell, not that the cell is
+    occupied: glass may have 0.3, a fence 0.5.
+
+    Attributes
+    ----------
+    frame : GridFrame
+    static_hits : (rows, cols) float64
+        alpha: sum of e over the beams that end here.
+    dynamic_hits : (rows, cols) float64
+        Sum of 1 - e over the beams that end here.
+    passed_cells : (rows, cols) float64
+        Length by which beams passed through without ending here, in cells.
+    centroids_m : (rows, cols, 2) float64
+        Mean of the end points in the cell, weighted with e; NaN where static_hits is 0.
+    """
+
+    frame: GridFrame
+    static_hits: F64
+    dynamic_hits: F64
+    passed_cells: F64
+    centroids_m: F64
+
+    @property
+    def reflectance(self) -> F64:
+        """(rows, cols) m = alpha / (alpha + beta), Eq. 1.15; NaN where nothing was seen."""
+        seen = self.static_hits + self.dynamic_hits + self.passed_cells
+        out = np.full(self.frame.shape, np.nan)
+        np.divide(self.static_hits, seen, out=out, where=seen > 0)
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class OccupancyGrid:
+    """A tri-state map, as map_server stores it.
+
+    Attributes
+    ----------
+    frame : GridFrame
+    cells : (rows, cols) int8
+        FREE, OCCUPIED or UNKNOWN.
+    """
+
+    frame: GridFrame
+    cells: I8

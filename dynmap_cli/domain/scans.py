@@ -1,0 +1,136 @@
+"""What a recording is after it was read: sweeps of one or several lasers, as parallel arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
+
+
+@dataclass(frozen=True, slots=True)
+class ScanLog:
+    """All sweeps of one or several recordings, in time order.
+
+    Attributes
+    ----------
+    stamps_ns : (n_scans,) int64
+        Header stamp, the time of the first beam; nanoseconds, ascending.
+    ranges_m : (n_scans, n_beams) float32
+        Distance along each beam in metres; +inf = nothing within reach, NaN = no measurement (REP 117).
+    odometry : (n_scans, 3) float64
+        odom_from_robot at the stamp: x, y in metres, yaw in radians; rows of NaN where there is none.
+    geometry_index : (n_scans,) int32
+        Which row of the geometry table a sweep was made with.
+    bearings_rad : (n_geometries, n_beams) float64
+        Direction of each beam in the sensor frame, counter-clockwise from +x; NaN where a geometry has
+        fewer beams.
+    sensor_poses : (n_geometries, 3) float64
+        robot_from_sensor.
+    range_limits_m : (n_geometries, 2) float64
+        Shortest and longest distance the sensor measures.
+    beam_interval_s : (n_geometries,) float64
+        Time from one beam to the next; 0 where the recording does not say.
+    recording_index : (n_scans,) int32
+        Which of *recordings* a sweep came from.
+    recordings : tuple of str
+        File or folder names, in order.
+    """
+
+    stamps_ns: I64
+    ranges_m: F32
+    odometry: F64
+    geometry_index: I32
+    bearings_rad: F64
+    sensor_poses: F64
+    range_limits_m: F64
+    beam_interval_s: F64
+    recording_index: I32
+    recordings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Check shapes and order against each other, and freeze the arrays."""
+        n_scans, n_beams = self.ranges_m.shape
+        n_geometries = self.sensor_poses.shape[0]
+        expected = {
+            "stamps_ns": (n_scans,),
+            "odometry": (n_scans, 3),
+            "geometry_index": (n_scans,),
+            "recording_index": (n_scans,),
+            "bearings_rad": (n_geometries, n_beams),
+            "sensor_poses": (n_geometries, 3),
+            "range_limits_m": (n_geometries, 2),
+            "beam_interval_s": (n_geometries,),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                msg = f"{name} is {getattr(self, name).shape}, but ranges_m {self.ranges_m.shape} asks for {shape}"
+                raise ValueError(msg)
+        if n_scans and bool((np.diff(self.stamps_ns) < 0).any()):
+            msg = "stamps_ns must ascend"
+            raise ValueError(msg)
+        if (
+            n_scans
+            and not 0 <= int(self.geometry_index.min()) <= int(self.geometry_index.max()) < n_geometries
+        ):
+            msg = f"geometry_index points outside the {n_geometries} geometries"
+            raise ValueError(msg)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    @property
+    def n_scans(self) -> int:
+        """Number of sweeps."""
+        return int(self.ranges_m.shape[0])
+
+    @property
+    def n_beams(self) -> int:
+        """Beams of the widest geometry."""
+        return int(self.ranges_m.shape[1])
+
+    @property
+    def has_odometry(self) -> B1:
+        """(n_scans,) whether a sweep has an odometry pose."""
+        return np.asarray(np.isfinite(self.odometry).all(axis=1))
+
+    def select(self, scans: I64 | B1 | slice) -> ScanLog:
+        """Keep some of the sweeps, in their order."""
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[scans],
+            ranges_m=self.ranges_m[scans],
+            odometry=self.odometry[scans],
+            geometry_index=self.geometry_index[scans],
+            recording_index=self.recording_index[scans],
+        )
+
+
+def single_laser_log(
+    stamps_ns: I64,
+    ranges_m: F32,
+    bearings_rad: F64,
+    odometry: F64,
+    *,
+    sensor_pose: Sequence[float] = (0.0, 0.0, 0.0),
+    range_limits_m: tuple[float, float] = (0.0, 30.0),
+    beam_interval_s: float = 0.0,
+    recording: str = "recording",
+) -> ScanLog:
+    """Make a `ScanLog` of one laser that never moves on the robot."""
+    n_scans = ranges_m.shape[0]
+    return ScanLog(
+        stamps_ns=np.asarray(stamps_ns, dtype=np.int64),
+        ranges_m=np.asarray(ranges_m, dtype=np.float32),
+        odometry=np.asarray(odometry, dtype=np.float64),
+        geometry_index=np.zeros(n_scans, dtype=np.int32),
+        bearings_rad=np.asarray(bearings_rad, dtype=np.float64)[None, :],
+        sensor_poses=np.asarray([sensor_pose], dtype=np.float64),
+        range_limits_m=np.asarray([range_limits_m], dtype=np.float64),
+        beam_interval_s=np.asarray([beam_interval_s], dtype=np.float64),
+        recording_index=np.zeros(n_scans, dtype=np.int32),
+        recordings=(recording,),
+    )

@@ -1,0 +1,1 @@
+"""Side room: how good a result is, against truth or without."""

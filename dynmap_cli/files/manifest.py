@@ -1,0 +1,100 @@
+"""The manifest of a stage: what it read, with which settings, what it wrote. Written last: no manifest, not done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.atomic import replacing
+
+FORMAT_VERSION = 1
+"""Version of every file between stages; a reader refuses another one and names both."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What a finished stage leaves behind.
+
+    Attributes
+    ----------
+    stage : str
+    settings : dict
+        The settings that the result depends on.
+    inputs : dict of str to str
+        Name -> sha256 of what was read.
+    outputs : dict of str to str
+        Path within the folder -> sha256.
+    summary : dict
+        What the stage found, as plain numbers and words.
+    seconds : float
+        CPU seconds of the stage.
+    dynmap_version : str
+    format_version : int
+    """
+
+    stage: str
+    settings: dict[str, Any]
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+    summary: dict[str, Any]
+    seconds: float
+    dynmap_version: str
+    format_version: int = FORMAT_VERSION
+
+
+def manifest_path(folder: Path, stage: str) -> Path:
+    """Where the manifest of a stage lies."""
+    return folder / f"{stage}.manifest.json"
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write it whole, as the last file of the stage."""
+    with replacing(manifest_path(folder, manifest.stage)) as part:
+        part.write_text(json.dumps(asdict(manifest), indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def read_manifest(folder: Path, stage: str) -> Manifest | None:
+    """Read the manifest of a stage, or None where the stage is not done.
+
+    Raises
+    ------
+    ArtifactError
+        If it was written in another format version or is damaged.
+    """
+    path = manifest_path(folder, stage)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as err:
+        msg = f"{path}: not a readable manifest ({err}). Run the stage again with --force."
+        raise ArtifactError(msg) from err
+    found = content.get("format_version") if isinstance(content, dict) else None
+    if found != FORMAT_VERSION:
+        msg = (
+            f"{path}: written in format version {found}, this dynmap reads version {FORMAT_VERSION}. "
+            "Build into a new folder, or use the dynmap that wrote it."
+        )
+        raise ArtifactError(msg)
+    try:
+        return Manifest(**content)
+    except TypeError as err:
+        msg = f"{path}: not a manifest of dynmap ({err}). Run the stage again with --force."
+        raise ArtifactError(msg) from err
+
+
+def sha256_of(path: Path) -> str:
+    """Digest of a file, or of all files of a folder with their names."""
+    digest = hashlib.sha256()
+    if path.is_dir():
+        for inner in sorted(p for p in path.rglob("*") if p.is_file()):
+            digest.update(f"{inner.relative_to(path)}\0{sha256_of(inner)}\n".encode())
+        return digest.hexdigest()
+    with path.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

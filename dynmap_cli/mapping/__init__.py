@@ -1,0 +1,1 @@
+"""Room 2: scans -> map/ (poses, static probability of each beam, counting map)."""

@@ -1,0 +1,264 @@
+"""The floor plan: the stages, in order, and the rules by which they are run, skipped and published."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dynmap_cli import __version__
+from dynmap_cli.clustering.stage import STAGE as CLUSTER
+from dynmap_cli.config import Config
+from dynmap_cli.errors import ArtifactError, ConfigError, LogError
+from dynmap_cli.files.atomic import replacing, scratch_folder
+from dynmap_cli.files.manifest import Manifest, manifest_path, read_manifest, sha256_of, write_manifest
+from dynmap_cli.ingest.stage import STAGE as INGEST
+from dynmap_cli.localization.stage import STAGE as LOCALIZE
+from dynmap_cli.mapping.stage import STAGE as MAP
+from dynmap_cli.report.stage import STAGE as REPORT
+from dynmap_cli.segmentation.stage import STAGE as SEGMENT
+from dynmap_cli.stage import Stage, StageContext
+
+_log = logging.getLogger(__name__)
+
+STAGES = (INGEST, MAP, SEGMENT, CLUSTER, REPORT)
+"""What `dynmap build` runs, in this order; each reads only what earlier ones wrote."""
+
+
+@dataclass(frozen=True, slots=True)
+class StageResult:
+    """What a stage found.
+
+    Attributes
+    ----------
+    stage : str
+    ran : bool
+        False where the result on disk was up to date.
+    manifest : Manifest
+    folder : Path
+        Where its files are.
+    """
+
+    stage: str
+    ran: bool
+    manifest: Manifest
+    folder: Path
+
+
+def build(
+    run_dir: Path,
+    recordings: Sequence[Path],
+    config: Config,
+    *,
+    threads: int,
+    force_from: str | None = None,
+) -> list[StageResult]:
+    """Run all stages on recordings; those whose inputs and settings did not change are skipped.
+
+    Parameters
+    ----------
+    run_dir : Path
+        The run directory; made if it is missing.
+    recordings : sequence of Path
+        Files or folders, in time order.
+    config : Config
+    threads : int
+    force_from : str, optional
+        Name of the first stage that is run in any case.
+    """
+    names = [stage.name for stage in STAGES]
+    forced = len(names) if force_from is None else names.index(force_from)
+    results = [
+        run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=number >= forced)
+        for number, stage in enumerate(STAGES)
+    ]
+    write_run_yaml(run_dir, config, results[0].manifest)
+    return results
+
+
+def run_one(
+    run_dir: Path, name: str, config: Config, *, threads: int, force: bool, recordings: Sequence[Path] = ()
+) -> StageResult:
+    """Run a single stage of a run directory."""
+    stage = next(stage for stage in STAGES if stage.name == name)
+    result = run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=force)
+    ingested = read_manifest(run_dir / INGEST.folder, INGEST.name)
+    if ingested is not None:
+        write_run_yaml(run_dir, config, ingested)
+    return result
+
+
+def localize(
+    run_dir: Path | None,
+    recordings: Sequence[Path],
+    out_dir: Path,
+    config: Config,
+    *,
+    threads: int,
+    force: bool,
+    map_yaml: Path | None = None,
+) -> list[StageResult]:
+    """Localize recordings in the maps of a run, or in any map_server map.
+
+    The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
+    """
+    ingested = run_stage(INGEST, _context(out_dir, config, threads, tuple(recordings)), force=False)
+    context = replace(
+        _context(run_dir or out_dir, config, threads, ()),
+        scans_dir=out_dir / INGEST.folder,
+        map_yaml=map_yaml,
+    )
+    return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
+
+
+def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path | None = None) -> StageResult:
+    """Run a stage unless its result is up to date; publish its files, the manifest last.
+
+    The work writes into a scratch folder, so a failure leaves earlier results as they were.
+    """
+    folder = target or (context.run_dir / stage.folder if stage.folder else context.run_dir)
+    settings = _settings_of(stage, context.config)
+    done = None if force else read_manifest(folder, stage.name)
+    inputs = _inputs_of(stage, context)
+    if done is not None and _is_up_to_date(done, settings, inputs, folder):
+        _log.info("%s: up to date", stage.name)
+        return StageResult(stage.name, ran=False, manifest=done, folder=folder)
+    _log.info("%s: %s", stage.name, stage.title)
+    started = time.process_time()
+    with scratch_folder(folder / stage.name) as part:
+        summary = stage.run(replace(context, out_dir=part))
+        outputs = {
+            path.relative_to(part).as_posix(): sha256_of(path)
+            for path in sorted(part.rglob("*"))
+            if path.is_file()
+        }
+        manifest = Manifest(
+            stage=stage.name,
+            settings=settings,
+            inputs=inputs,
+            outputs=outputs,
+            summary=summary,
+            seconds=round(time.process_time() - started, 3),
+            dynmap_version=__version__,
+        )
+        _publish(part, folder, manifest)
+    return StageResult(stage.name, ran=True, manifest=manifest, folder=folder)
+
+
+def write_run_yaml(run_dir: Path, config: Config, ingested: Manifest) -> None:
+    """Write the settings in effect, the versions and the inputs of a run."""
+    import numba
+    import numpy as np
+
+    content = {
+        "dynmap": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "recordings": ingested.inputs,
+        "settings": config.model_dump(mode="json"),
+    }
+    with replacing(run_dir / "run.yaml") as part:
+        part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _context(run_dir: Path, config: Config, threads: int, recordings: tuple[Path, ...]) -> StageContext:
+    """What every stage of a run directory is given."""
+    return StageContext(run_dir, run_dir, config, recordings, threads, scans_dir=run_dir / INGEST.folder)
+
+
+def _settings_of(stage: Stage, config: Config) -> dict[str, Any]:
+    """The settings that the result of a stage depends on."""
+    section = getattr(config, stage.section, None)
+    settings: dict[str, Any] = {} if section is None else section.model_dump(mode="json")
+    if stage.seeded:
+        settings["seed"] = config.seed
+    return settings
+
+
+def _inputs_of(stage: Stage, context: StageContext) -> dict[str, str]:
+    """Digests of what a stage reads: of the recordings, or as the manifests of earlier stages state them."""
+    if stage is INGEST:
+        if not context.recordings:
+            msg = "no recording given. Pass one or more files or folders."
+            raise ConfigError(msg)
+        return {str(path): _digest_of_recording(path) for path in context.recordings}
+    if context.map_yaml is not None:
+        return {
+            **_outputs_below(context.scans_dir, INGEST),
+            str(context.map_yaml): _digest_of_map(context.map_yaml),
+        }
+    available = _outputs_below(context.scans_dir, INGEST)
+    for earlier in STAGES[1:]:
+        if earlier is stage:
+            break
+        if any(path.startswith(f"{earlier.folder}/") for path in stage.reads):
+            available.update(_outputs_below(context.run_dir / earlier.folder, earlier))
+    return available
+
+
+def _outputs_below(folder: Path, stage: Stage) -> dict[str, str]:
+    """Digests of the files of a finished stage, by their path in the run."""
+    manifest = read_manifest(folder, stage.name)
+    if manifest is None:
+        msg = f"{folder}: stage '{stage.name}' is not done here. Run `dynmap build` or `dynmap {stage.name}` first."
+        raise ArtifactError(msg)
+    return {f"{stage.folder}/{name}": digest for name, digest in manifest.outputs.items()}
+
+
+def _digest_of_recording(path: Path) -> str:
+    """Digest of a recording that must be there."""
+    if not path.exists():
+        msg = f"{path}: no such file or folder"
+        raise LogError(msg)
+    try:
+        return sha256_of(path)
+    except OSError as err:
+        msg = f"{path}: cannot be read ({err.strerror})"
+        raise LogError(msg) from err
+
+
+def _digest_of_map(path: Path) -> str:
+    """Digest of a map_server YAML and of the images beside it that it may name."""
+    try:
+        return sha256_of(path)
+    except OSError as err:
+        msg = f"{path}: cannot be read ({err.strerror})"
+        raise ArtifactError(msg) from err
+
+
+def _is_up_to_date(done: Manifest, settings: dict[str, Any], inputs: dict[str, str], folder: Path) -> bool:
+    """Whether a manifest describes what would be made now, and its files are there."""
+    return (
+        done.settings == settings
+        and done.inputs == inputs
+        and done.dynmap_version == __version__
+        and all((folder / name).is_file() for name in done.outputs)
+    )
+
+
+def _publish(part: Path, folder: Path, manifest: Manifest) -> None:
+    """Move the files of a stage to their place; the manifest is taken away first and written last."""
+    previous = read_manifest_or_none(folder, manifest.stage)
+    manifest_path(folder, manifest.stage).unlink(missing_ok=True)
+    for name in previous.outputs if previous else ():
+        if name not in manifest.outputs:
+            (folder / name).unlink(missing_ok=True)
+    for name in manifest.outputs:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (part / name).replace(folder / name)
+    write_manifest(folder, manifest)
+
+
+def read_manifest_or_none(folder: Path, stage: str) -> Manifest | None:
+    """Read a manifest that is about to be replaced; a damaged one counts as none."""
+    try:
+        return read_manifest(folder, stage)
+    except ArtifactError:
+        return None

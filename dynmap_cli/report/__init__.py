@@ -1,0 +1,1 @@
+"""Side room: the page that shows what a run found."""

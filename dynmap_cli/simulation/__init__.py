@@ -1,0 +1,1 @@
+"""Side room: recordings with known truth."""

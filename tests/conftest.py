@@ -1,0 +1,26 @@
+"""What all tests share: the Hypothesis profile and where the real recordings are."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("dynmap", deadline=None, derandomize=True, max_examples=60)
+settings.load_profile("dynmap")
+
+PROJECT = Path(__file__).resolve().parent.parent
+REAL_DATA = PROJECT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of the real recordings; tests that need it skip where it is absent."""
+    if not REAL_DATA.is_dir():
+        pytest.skip(f"no real recordings at {REAL_DATA}")
+    return REAL_DATA
+
+
+@pytest.fixture(scope="session")
+def sample_logs() -> Path:
+    """Folder of the two simulated recordings that come with the project."""
+    return PROJECT / "sample_logs"
