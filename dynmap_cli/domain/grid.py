@@ -99,7 +99,7 @@ class CountingMap:
     def reflectance(self) -> F64:
         """(rows, cols) m = alpha / (alpha + beta), Eq. 1.15; NaN where nothing was seen."""
         seen = self.static_hits + self.dynamic_hits + self.passed_cells
-        out = np.full(self.frame.shape, np.nan)
+        out = np.full(self.static_hits.shape, np.nan)
         np.divide(self.static_hits, seen, out=out, where=seen > 0)
         return out
 

@@ -1,0 +1,206 @@
+"""The counting map of scans at given poses (Eq. 1.12-1.15)."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32, I64
+from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, find_end_cells
+
+SCANS_PER_CHUNK = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """What the kernels need to know of the lasers.
+
+    Attributes
+    ----------
+    directions : (n_geometries, n_beams, 2) float64
+        Unit vectors of the beams in the robot frame.
+    sensor_poses : (n_geometries, 3) float64
+        robot_from_sensor.
+    usable_m : (n_geometries,) float64
+        Beams are used up to this range.
+    """
+
+    directions: F64
+    sensor_poses: F64
+    usable_m: F64
+
+
+def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
+    """Directions and usable ranges of a recording's lasers."""
+    angles = log.bearings_rad + log.sensor_poses[:, 2:3]
+    return Rays(
+        directions=np.stack([np.cos(angles), np.sin(angles)], axis=-1),
+        sensor_poses=log.sensor_poses.copy(),
+        usable_m=np.minimum(log.range_limits_m[:, 1], usable_range_m),
+    )
+
+
+class Counter:
+    """Sums over beams on one grid; scans can be added and taken out again, exactly and in any order."""
+
+    def __init__(self, frame: GridFrame) -> None:
+        self.frame = frame
+        rows, cols = frame.shape
+        self._along_cols = np.zeros((rows + 1, cols + 2), dtype=np.int64)
+        self._along_rows = np.zeros((cols + 1, rows + 2), dtype=np.int64)
+        self._sums = tuple(np.zeros(frame.shape, dtype=np.int64) for _ in range(4))
+
+    def add(
+        self, log: ScanLog, poses: F64, usable_range_m: float, *, weights: F32 | None = None, sign: int = 1
+    ) -> None:
+        """Add scans (sign 1) or take them out (sign -1).
+
+        Parameters
+        ----------
+        log : ScanLog
+        poses : (n_scans, 3) float64
+            map_from_robot; scans with NaN are left out.
+        usable_range_m : float
+        weights : (n_scans, n_beams) float32, optional
+            e of each beam; without it all beams are static.
+        sign : int
+        """
+        rays, frame = rays_of(log, usable_range_m), self.frame
+        for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+            part = slice(first, first + SCANS_PER_CHUNK)
+            ranges = np.array(log.ranges_m[part])
+            count_scans(
+                ranges,
+                np.ones_like(ranges) if weights is None else np.array(weights[part], dtype=np.float32),
+                np.array(log.geometry_index[part]),
+                rays.directions,
+                rays.sensor_poses,
+                rays.usable_m,
+                np.array(poses[part], dtype=np.float64),
+                frame.resolution_m,
+                frame.origin_x_m,
+                frame.origin_y_m,
+                sign,
+                self._along_cols,
+                self._along_rows,
+                *self._sums,
+            )
+
+    def merge(self, other: Counter) -> None:
+        """Add the sums of another counter on the same grid."""
+        self._along_cols += other._along_cols
+        self._along_rows += other._along_rows
+        for mine, theirs in zip(self._sums, other._sums, strict=True):
+            np.add(mine, theirs, out=mine)
+
+    def counting_map(self) -> CountingMap:
+        """Turn the sums into hits, passed lengths and centroids."""
+        rows, cols = self.frame.shape
+        passed = np.cumsum(self._along_cols, axis=1)[:rows, :cols]
+        passed += np.cumsum(self._along_rows, axis=1)[:cols, :rows].T
+        static, dynamic, offset_x, offset_y = (array / FIXED_ONE for array in self._sums)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            cells = np.stack([offset_x / static, offset_y / static], axis=-1)
+        corners = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
+        origin = np.array([self.frame.origin_x_m, self.frame.origin_y_m])
+        centroids = origin + (corners + cells) * self.frame.resolution_m
+        centroids[~np.isfinite(cells)] = np.nan
+        return CountingMap(self.frame, static, dynamic, passed / FIXED_ONE, centroids)
+
+
+def count_beams(
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    usable_range_m: float,
+    *,
+    weights: F32 | None = None,
+    threads: int = 1,
+) -> CountingMap:
+    """Counting map of all scans; the same bytes for any number of threads.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot; scans with NaN are left out.
+    frame : GridFrame
+        Beams are clipped to it.
+    usable_range_m : float
+        Longer beams, and beams without return, pass up to this range and end nowhere.
+    weights : (n_scans, n_beams) float32, optional
+        e of each beam; NaN counts as 1.
+    threads : int
+    """
+    bounds = np.linspace(0, log.n_scans, max(1, min(threads, log.n_scans // SCANS_PER_CHUNK)) + 1).astype(int)
+
+    def count(first: int, last: int) -> Counter:
+        counter = Counter(frame)
+        part = slice(first, last)
+        counter.add(
+            log.select(part), poses[part], usable_range_m, weights=None if weights is None else weights[part]
+        )
+        return counter
+
+    with ThreadPoolExecutor(max_workers=len(bounds) - 1) as pool:
+        total, *others = pool.map(count, bounds[:-1].tolist(), bounds[1:].tolist())
+    for other in others:
+        total.merge(other)
+    return total.counting_map()
+
+
+def end_cells(log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float) -> I32:
+    """Flat index row * cols + col of each beam's end cell, (n_scans, n_beams) int32; -1 where it has none."""
+    rays = rays_of(log, usable_range_m)
+    cells = np.empty(log.ranges_m.shape, dtype=np.int32)
+    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+        part = slice(first, first + SCANS_PER_CHUNK)
+        find_end_cells(
+            np.array(log.ranges_m[part]),
+            np.array(log.geometry_index[part]),
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            np.array(poses[part], dtype=np.float64),
+            frame.resolution_m,
+            frame.origin_x_m,
+            frame.origin_y_m,
+            *frame.shape,
+            cells[part],
+        )
+    return cells
+
+
+def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m: float) -> GridFrame:
+    """Frame that holds every pose and every end point, and beams without return up to the farthest hit."""
+    rays = rays_of(log, usable_range_m)
+    corners: list[F64] = [poses[np.isfinite(poses).all(axis=1), :2]]
+    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+        part = slice(first, first + SCANS_PER_CHUNK)
+        points = _end_points(log, rays, poses, part)
+        corners += (
+            [points.min(axis=0, keepdims=True), points.max(axis=0, keepdims=True)] if points.size else []
+        )
+    return frame_around(np.concatenate(corners), resolution_m, 2 * resolution_m)
+
+
+def _end_points(log: ScanLog, rays: Rays, poses: F64, part: slice) -> F64:
+    """End points (n, 2) of the beams of some scans that hit something, map frame."""
+    geometry: I64 = log.geometry_index[part].astype(np.int64)
+    ranges = np.asarray(log.ranges_m[part], dtype=np.float64)
+    has_pose = np.asarray(np.isfinite(poses[part]).all(axis=1))
+    is_hit = (ranges <= rays.usable_m[geometry][:, None]) & has_pose[:, None]
+    scan, beam = np.nonzero(is_hit)
+    local = (
+        rays.sensor_poses[geometry[scan], :2]
+        + rays.directions[geometry[scan], beam] * ranges[is_hit][:, None]
+    )
+    pose = poses[part][scan]
+    cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    x = pose[:, 0] + cos * local[:, 0] - sin * local[:, 1]
+    y = pose[:, 1] + sin * local[:, 0] + cos * local[:, 1]
+    return np.column_stack([x, y])

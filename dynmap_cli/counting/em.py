@@ -1,0 +1,179 @@
+"""The EM filter at fixed poses (Eq. 1.6-1.15): which beams hit something static, and the map without the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import ndimage
+
+from dynmap_cli.arrays import F32, F64
+from dynmap_cli.counting.counts import count_beams, end_cells
+from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.em import look_up, static_probability
+
+_MAX_ITERATIONS, _TOLERANCE = 20_000, 1e-12
+_OCCUPIED_REFLECTANCE, _FREE_PASSED_CELLS = 0.2, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class FilterParams:
+    """How the filter works.
+
+    Attributes
+    ----------
+    static_prior : float
+        p(c = 1) in (0.5, 1). It *is* the threshold on the hit share: a beam is dynamic iff the hit share of
+        its end cell (or of the cells that support it) is under 2 (1 - p).
+    support_cells : int
+        Cells around the end cell whose reflectance may support it; 0 = the paper to the letter.
+    usable_range_m : float
+    em : str
+        "closed" or "iterative".
+    """
+
+    static_prior: float = 0.95
+    support_cells: int = 1
+    usable_range_m: float = 30.0
+    em: Literal["closed", "iterative"] = "closed"
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredMap:
+    """Result of the filter at fixed poses.
+
+    Attributes
+    ----------
+    counting_map : CountingMap
+        Counts with the final e of each beam.
+    static_probability : (n_scans, n_beams) float32
+        e of each beam; NaN where it has no end point.
+    log_likelihood : float
+        Eq. 1.7, without the prior's constant.
+    """
+
+    counting_map: CountingMap
+    static_probability: F32
+    log_likelihood: float
+
+    @property
+    def dynamic_share(self) -> float:
+        """Share of the beams with an end point that are called dynamic (e < 1/2)."""
+        ended = np.isfinite(self.static_probability)
+        dynamic = int((self.static_probability < 0.5).sum())
+        return dynamic / max(int(ended.sum()), 1)
+
+
+def filter_beams(
+    log: ScanLog, poses: F64, frame: GridFrame, params: FilterParams, *, threads: int = 1
+) -> FilteredMap:
+    """Run the EM to its fixed point at given poses.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot; scans with NaN are left out.
+    frame : GridFrame
+    params : FilterParams
+    threads : int
+    """
+    raw = count_beams(log, poses, frame, params.usable_range_m, threads=threads)
+    reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
+    cells = end_cells(log, poses, frame, params.usable_range_m)
+    weights = _e_step(reflectance, params)
+    beams = np.empty(cells.shape, dtype=np.float32)
+    look_up(cells, weights.ravel(), beams)
+    counted = count_with(raw, weights.astype(np.float64))
+    return FilteredMap(counted, beams, expected_log_likelihood(counted))
+
+
+def fixed_point(hits: F64, passed_cells: F64, params: FilterParams) -> F64:
+    r"""Reflectance m of each cell at which E-step and M-step agree, started from e = p.
+
+    At fixed poses the cells decouple. With the hit share h = hits / (hits + passed length), m = h e and
+    Eq. 1.10 give
+
+    .. math::
+        m^* = \max\left(0, \frac{p h - (1 - p)}{2 p - 1}\right)
+
+    In mode "iterative" the two steps are repeated instead until nothing moves.
+
+    Parameters
+    ----------
+    hits, passed_cells : (rows, cols) float64
+        All end points, and passed length in cells.
+    params : FilterParams
+
+    Returns
+    -------
+    (rows, cols) float64
+        NaN where nothing was seen.
+    """
+    seen = hits + passed_cells
+    hit_share = np.full(hits.shape, np.nan)
+    np.divide(hits, seen, out=hit_share, where=seen > 0)
+    prior = params.static_prior
+    if params.em == "closed":
+        return np.asarray(np.clip((prior * hit_share - (1.0 - prior)) / (2.0 * prior - 1.0), 0.0, 1.0))
+    return _iterate(hit_share.ravel(), prior).reshape(hits.shape)
+
+
+def em_step(reflectance: F64, hit_share: F64, static_prior: float) -> F64:
+    """One E-step (Eq. 1.10) and M-step (Eq. 1.15, m = h e) of each cell; (n,) float64 in and out."""
+    expectation = np.empty_like(reflectance)
+    static_probability(reflectance, static_prior, expectation)
+    return hit_share * expectation
+
+
+def _iterate(hit_share: F64, static_prior: float) -> F64:
+    """Repeat both steps from e = p until no m moves."""
+    reflectance = hit_share * static_prior
+    for _ in range(_MAX_ITERATIONS):
+        before, reflectance = reflectance, em_step(reflectance, hit_share, static_prior)
+        if np.nanmax(np.abs(reflectance - before), initial=0.0) < _TOLERANCE:
+            break
+    return reflectance
+
+
+def count_with(raw: CountingMap, cell_expectation: F64) -> CountingMap:
+    """Split the hits of each cell into static and dynamic ones, where all beams of a cell share one e."""
+    hits = raw.static_hits + raw.dynamic_hits
+    static = np.where(hits > 0, hits * np.nan_to_num(cell_expectation), 0.0)
+    centroids = np.where((static > 0)[..., None], raw.centroids_m, np.nan)
+    return CountingMap(raw.frame, static, hits - static, raw.passed_cells, centroids)
+
+
+def expected_log_likelihood(counts: CountingMap) -> float:
+    r"""Eq. 1.7 in its sum over cells, \sum_j \alpha_j \ln m_j + \beta_j \ln(1 - m_j), without the constant gamma."""
+    alpha, beta = counts.static_hits, counts.dynamic_hits + counts.passed_cells
+    reflectance = counts.reflectance
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = np.where(alpha > 0, alpha * np.log(reflectance), 0.0)
+        terms += np.where(beta > 0, beta * np.log1p(-reflectance), 0.0)
+    return float(terms.sum())
+
+
+def occupancy(counts: CountingMap) -> OccupancyGrid:
+    """Trinary map: occupied where enough beams are reflected, free where beams passed, else unknown.
+
+    Beams graze along walls and jitter by a cell, so a wall cell is hit by fewer than all beams that meet it; a
+    cell counts as occupied from m = 0.2 on.
+    """
+    reflectance = counts.reflectance
+    cells = np.full(counts.frame.shape, UNKNOWN, dtype=np.int8)
+    cells[counts.passed_cells > _FREE_PASSED_CELLS] = FREE
+    cells[(reflectance >= _OCCUPIED_REFLECTANCE) & (counts.static_hits >= 1.0)] = OCCUPIED
+    return OccupancyGrid(counts.frame, cells)
+
+
+def _e_step(reflectance: F64, params: FilterParams) -> F32:
+    """E of the beams that end in each cell, from the largest m among the cells that support it."""
+    support = np.nan_to_num(reflectance)
+    if params.support_cells:
+        support = ndimage.maximum_filter(support, size=2 * params.support_cells + 1, mode="constant")
+    expectation = np.empty(support.size)
+    static_probability(np.ascontiguousarray(support.ravel()), params.static_prior, expectation)
+    return expectation.reshape(support.shape).astype(np.float32)

@@ -1,0 +1,113 @@
+"""Counting by difference grids against the plain twin, and its laws."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynmap_cli.counting.counts import Counter, count_beams, end_cells, frame_of_scans
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.scans import single_laser_log
+from tests.reference.counting import plain_alpha_beta, plain_beams
+
+
+def random_world(seed, n_scans=4, n_beams=7, max_range=3.0):
+    """A few scans with random ranges, some without return, some not measured."""
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(0.1, max_range, (n_scans, n_beams)).astype(np.float32)
+    ranges[rng.random(ranges.shape) < 0.1] = np.inf
+    ranges[rng.random(ranges.shape) < 0.1] = np.nan
+    poses = np.column_stack([rng.uniform(-1, 1, (n_scans, 2)), rng.uniform(-4, 4, n_scans)])
+    log = single_laser_log(
+        np.arange(n_scans) * 10**9,
+        ranges,
+        np.linspace(-2.0, 2.0, n_beams),
+        np.full((n_scans, 3), np.nan),
+        sensor_pose=(0.1, -0.05, 0.3),
+        range_limits_m=(0.05, max_range),
+    )
+    weights = rng.uniform(0.0, 1.0, ranges.shape).astype(np.float32)
+    return log, poses, weights
+
+
+FRAME = GridFrame(0.1, -5.0, -5.0, 100, 100)
+
+
+@given(st.integers(0, 10**6))
+def test_counts_match_the_ray_by_ray_sums(seed):
+    log, poses, weights = random_world(seed)
+    counts = count_beams(log, poses, FRAME, 2.5, weights=weights)
+    alpha, beta = plain_alpha_beta(plain_beams(log, poses, FRAME, 2.5), weights.astype(float), FRAME.shape)
+    np.testing.assert_allclose(counts.static_hits, alpha, atol=1e-8)
+    np.testing.assert_allclose(counts.dynamic_hits + counts.passed_cells, beta, atol=1e-8)
+
+
+@given(st.integers(0, 10**6))
+def test_a_small_grid_cuts_out_of_the_large_one(seed):
+    log, poses, weights = random_world(seed)
+    whole = count_beams(log, poses, FRAME, 2.5, weights=weights)
+    cut = count_beams(log, poses, FRAME.window(40, 35, 13, 22), 2.5, weights=weights)
+    np.testing.assert_allclose(cut.passed_cells, whole.passed_cells[40:53, 35:57], atol=1e-6)
+    np.testing.assert_array_equal(cut.static_hits, whole.static_hits[40:53, 35:57])
+
+
+@given(st.integers(0, 10**6))
+def test_adding_scans_then_taking_them_out_leaves_every_byte(seed):
+    log, poses, weights = random_world(seed)
+    other, other_poses, _ = random_world(seed + 1)
+    counter = Counter(FRAME)
+    counter.add(log, poses, 2.5, weights=weights)
+    before = counter.counting_map()
+    counter.add(other, other_poses, 2.5)
+    counter.add(other, other_poses, 2.5, sign=-1)
+    after = counter.counting_map()
+    for name in ("static_hits", "dynamic_hits", "passed_cells", "centroids_m"):
+        assert getattr(before, name).tobytes() == getattr(after, name).tobytes()
+
+
+def test_order_and_threads_change_no_byte():
+    log, poses, weights = random_world(5, n_scans=5000, n_beams=5)
+    order = np.random.default_rng(0).permutation(log.n_scans)
+    one = count_beams(log, poses, FRAME, 2.5, weights=weights)
+    two = count_beams(log, poses, FRAME, 2.5, weights=weights, threads=2)
+    shuffled = Counter(FRAME)
+    for scan in np.array_split(order, 7):
+        part = np.sort(scan)
+        shuffled.add(log.select(part), poses[part], 2.5, weights=weights[part])
+    for name in ("static_hits", "dynamic_hits", "passed_cells", "centroids_m"):
+        assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
+        assert getattr(one, name).tobytes() == getattr(shuffled.counting_map(), name).tobytes()
+
+
+def test_turning_the_world_by_a_right_angle_turns_the_map():
+    log, poses, weights = random_world(3)
+    frame = GridFrame(0.1, -5.0, -5.0, 100, 100)
+    turned = np.column_stack([-poses[:, 1], poses[:, 0], poses[:, 2] + np.pi / 2])
+    here = count_beams(log, poses, frame, 2.5, weights=weights).passed_cells
+    there = count_beams(log, turned, frame, 2.5, weights=weights).passed_cells
+    np.testing.assert_allclose(np.rot90(here, -1), there, atol=1e-6)
+
+
+def test_scans_without_a_pose_are_left_out():
+    log, poses, _ = random_world(1)
+    poses[2] = np.nan
+    counts = count_beams(log, poses, FRAME, 2.5)
+    rest = np.array([0, 1, 3])
+    expected = count_beams(log.select(rest), poses[rest], FRAME, 2.5)
+    np.testing.assert_array_equal(counts.passed_cells, expected.passed_cells)
+    assert (end_cells(log, poses, FRAME, 2.5)[2] == -1).all()
+
+
+def test_end_cells_are_where_the_hits_are_counted():
+    log, poses, _ = random_world(2)
+    cells = end_cells(log, poses, FRAME, 2.5)
+    hits = np.bincount(cells[cells >= 0], minlength=100 * 100).reshape(100, 100)
+    np.testing.assert_allclose(count_beams(log, poses, FRAME, 2.5).static_hits, hits, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_frame_holds_every_end_point(seed):
+    log, poses, _ = random_world(seed)
+    frame = frame_of_scans(log, poses, 2.5, 0.05)
+    ended = np.asarray(log.ranges_m) <= 2.5
+    np.testing.assert_array_equal(end_cells(log, poses, frame, 2.5) >= 0, ended)
