@@ -12,6 +12,8 @@ from dynmap_cli.domain.grid import GridFrame
 class SubMap:
     """A rectangle of the map in which contradictions were seen (paper, 1.3.1).
 
+    Rectangles may overlap; the cells that a sub-map owns do not.
+
     Attributes
     ----------
     submap_id : int
@@ -21,7 +23,9 @@ class SubMap:
     row, col : int
         Cell of the whole map at the lower left corner of the rectangle.
     contested : (rows, cols) bool
-        Cells that were seen occupied and free at different times.
+        Cells that were seen occupied and free at different times, and belong to this sub-map.
+    owned : (rows, cols) bool
+        Cells that are nearer to these contested cells than to those of any other sub-map.
     area_m2 : float
         Area of the rectangle.
     """
@@ -31,4 +35,19 @@ class SubMap:
     row: int
     col: int
     contested: B1
+    owned: B1
     area_m2: float
+
+    @property
+    def center_m(self) -> tuple[float, float]:
+        """Middle of the rectangle in the map frame: x, y."""
+        frame = self.frame
+        return (
+            frame.origin_x_m + 0.5 * frame.cols * frame.resolution_m,
+            frame.origin_y_m + 0.5 * frame.rows * frame.resolution_m,
+        )
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width (along x) and height (along y) of the rectangle."""
+        return self.frame.cols * self.frame.resolution_m, self.frame.rows * self.frame.resolution_m

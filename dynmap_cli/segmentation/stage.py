@@ -2,14 +2,112 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.counting.evidence import EvidenceParams
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.errors import ArtifactError, ConfigError
+from dynmap_cli.files.counting_map import read_counting_map
+from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.submaps import write_submaps
+from dynmap_cli.files.trajectory import read_tum
+from dynmap_cli.progress import Tick, no_tick, progress
+from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions, time_windows
+from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_submaps, merge_regions
+from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.stage import Stage, StageContext
+
+
+def find_submaps(
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    settings: SegmentationSettings,
+    on_window: Tick = no_tick,
+) -> tuple[tuple[SubMap, ...], Contradictions]:
+    """Find the areas that change (paper, 1.3.1): contradictions, growing, merging.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot.
+    frame : GridFrame
+    settings : SegmentationSettings
+    on_window : Tick
+    """
+    evidence = EvidenceParams(
+        max_range_m=settings.max_range_m,
+        min_crossing_rad=math.radians(settings.min_crossing_deg),
+        support_cells=settings.support_cells,
+    )
+    found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
+    params = _region_params(settings, frame.resolution_m)
+    components = grow_components(found.contested, params)
+    groups = merge_regions(components, found.standing, params)
+    cells = [np.concatenate([components[k] for k in group]) for group in groups]
+    return make_submaps(cells, frame, params.margin), found
+
+
+def _region_params(settings: SegmentationSettings, resolution_m: float) -> RegionParams:
+    """Turn lengths into cells."""
+    margin = math.ceil(settings.margin_m / resolution_m - 1e-9)
+    max_area = settings.max_area_m2 / resolution_m**2
+    least = (2 * margin + 1) ** 2
+    if least > max_area:
+        msg = (
+            f"segmentation.max_area_m2: {settings.max_area_m2:g} is less than one cell of {resolution_m:g} m with "
+            f"its margin; at least {least * resolution_m**2:.3g} is needed, or a smaller segmentation.margin_m."
+        )
+        raise ConfigError(msg)
+    return RegionParams(
+        settings.growth_cells, settings.min_cells, margin, max_area, settings.max_range_m / resolution_m
+    )
 
 
 def run(context: StageContext) -> dict[str, Any]:
     """Read, call, write."""
-    raise NotImplementedError(context)
+    settings = context.config.segmentation
+    log = read_scan_log(context.scans_dir)
+    trajectory = read_tum(context.run_dir / "map" / "trajectory.tum")
+    if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
+        where = context.run_dir / "map" / "trajectory.tum"
+        msg = f"{where}: not the trajectory of these scans. Run `dynmap map` again with --force."
+        raise ArtifactError(msg)
+    frame = read_counting_map(context.run_dir / "map" / "reflectance.npz").frame
+    windows = len(time_windows(log, settings.window_s))
+    with progress("segment", windows, "windows") as tick:
+        submaps, found = find_submaps(log, trajectory.poses, frame, settings, tick)
+    write_submaps(context.out_dir, submaps)
+    area = sum(submap.area_m2 for submap in submaps)
+    return {
+        "submaps": len(submaps),
+        "area_m2": round(area, 3),
+        "contested_cells": int(found.contested.sum()),
+        "windows": found.n_windows,
+        "windows_needed": found.windows_needed,
+        "lines": describe(submaps),
+    }
+
+
+def describe(submaps: tuple[SubMap, ...]) -> list[str]:
+    """Say what was found, for people."""
+    if not submaps:
+        return ["no sub-map: nothing was seen in two states, the plain map says it all"]
+    area = sum(submap.area_m2 for submap in submaps)
+    places = [
+        f"{submap.submap_id} at ({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f}) "
+        f"{submap.size_m[0]:.1f} x {submap.size_m[1]:.1f} m"
+        for submap in submaps
+    ]
+    plural = "sub-map" if len(submaps) == 1 else "sub-maps"
+    return [f"{len(submaps)} {plural}, {area:.1f} m2: {', '.join(places)}"]
 
 
 STAGE = Stage(

@@ -1,0 +1,191 @@
+"""Was a cell seen occupied or free? Hits against beams that crossed the surface; grazing beams say nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F64, I8, I32, I64
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of
+from dynmap_cli.domain.grid import UNKNOWN, GridFrame
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.regions import add_evidence, add_hit_moments, judge_cells, surface_normals
+
+_NORMAL_RADIUS_M, _MAX_SPREAD_RATIO = 0.15, 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceParams:
+    """What counts as evidence.
+
+    Attributes
+    ----------
+    max_range_m : float
+        Beams are used up to this range; longer ones pass up to it.
+    min_crossing_rad : float
+        A pass counts where the angle between beam and local surface is at least this.
+    beyond_m : float
+        ... and where the beam ends at least this far beyond the cell.
+    occupied_share, occupied_hits : float
+        A cell is occupied from this hit share and this many hits on.
+    free_share, free_cells : float
+        It is free if the largest hit share around it is below this and beams crossed it by so many cells.
+    support_cells : int
+        How far "around" reaches, cells.
+    """
+
+    max_range_m: float = 12.0
+    min_crossing_rad: float = float(np.deg2rad(20.0))
+    beyond_m: float = 0.3
+    occupied_share: float = 0.4
+    occupied_hits: float = 3.0
+    free_share: float = 0.15
+    free_cells: float = 5.0
+    support_cells: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceCells:
+    """The cells in which beams ended, numbered; others can never be contradicted.
+
+    Attributes
+    ----------
+    frame : GridFrame
+    cells : (n, 2) int64
+        Row and column of each.
+    index : (rows, cols) int32
+        Number of each cell, -1 where no beam ended.
+    neighbours : (n, k) int32
+        Numbers of the cells around each and its own, -1 = no beam ended there.
+    normals : (n, 2) float64
+        Normal of the line of hits around each, (0, 0) = no line.
+    """
+
+    frame: GridFrame
+    cells: I64
+    index: I32
+    neighbours: I32
+    normals: F64
+
+
+def surface_cells(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) -> SurfaceCells:
+    """Number the cells of a frame in which beams ended, and find the surface in each.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot; scans with NaN are left out.
+    frame : GridFrame
+    params : EvidenceParams
+    """
+    rays = rays_of(log, params.max_range_m)
+    hits, offset_x, offset_y = (np.zeros(frame.shape) for _ in range(3))
+    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+        part = slice(first, first + SCANS_PER_CHUNK)
+        add_hit_moments(
+            np.array(log.ranges_m[part]),
+            np.array(log.geometry_index[part]),
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            np.array(poses[part], dtype=np.float64),
+            frame.resolution_m,
+            frame.origin_x_m,
+            frame.origin_y_m,
+            hits,
+            offset_x,
+            offset_y,
+        )
+    cells = np.ascontiguousarray(np.argwhere(hits > 0).astype(np.int64))
+    index = np.full(frame.shape, -1, dtype=np.int32)
+    index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
+    normals = np.empty((cells.shape[0], 2))
+    radius = max(1, round(_NORMAL_RADIUS_M / frame.resolution_m))
+    surface_normals(cells, hits, offset_x, offset_y, radius, _MAX_SPREAD_RATIO, normals)
+    return SurfaceCells(frame, cells, index, _neighbours(cells, index, params.support_cells), normals)
+
+
+def _neighbours(cells: I64, index: I32, reach: int) -> I32:
+    """Numbers of the cells within *reach* of each, (n, (2 reach + 1)^2); -1 = none."""
+    padded = np.pad(index, reach, constant_values=-1)
+    steps = range(2 * reach + 1)
+    around = [padded[cells[:, 0] + row, cells[:, 1] + col] for row in steps for col in steps]
+    return np.ascontiguousarray(np.stack(around, axis=-1))
+
+
+class Evidence:
+    """Hits and crossed lengths of the surface cells, from some of the scans."""
+
+    def __init__(self, surface: SurfaceCells, params: EvidenceParams) -> None:
+        self.surface, self.params = surface, params
+        count = surface.cells.shape[0]
+        self.hits, self.crossed = np.zeros(count), np.zeros(count)
+        self._touched, self._n_touched = np.empty(count, dtype=np.int64), 0
+
+    def add(self, log: ScanLog, poses: F64) -> None:
+        """Add scans with their poses map_from_robot, (n_scans, 3)."""
+        rays, frame = rays_of(log, self.params.max_range_m), self.surface.frame
+        for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+            part = slice(first, first + SCANS_PER_CHUNK)
+            self._n_touched = add_evidence(
+                np.array(log.ranges_m[part]),
+                np.array(log.geometry_index[part]),
+                rays.directions,
+                rays.sensor_poses,
+                rays.usable_m,
+                np.array(poses[part], dtype=np.float64),
+                frame.resolution_m,
+                frame.origin_x_m,
+                frame.origin_y_m,
+                self.surface.index,
+                self.surface.normals,
+                float(np.sin(self.params.min_crossing_rad)),
+                self.params.beyond_m,
+                self.hits,
+                self.crossed,
+                self._touched,
+                self._n_touched,
+            )
+
+    def merge(self, other: Evidence) -> None:
+        """Add what another one on the same cells has seen."""
+        theirs = other._touched[: other._n_touched]
+        new = theirs[(self.hits[theirs] == 0) & (self.crossed[theirs] == 0)]
+        self._touched[self._n_touched : self._n_touched + new.size] = new
+        self._n_touched += new.size
+        self.hits[theirs] += other.hits[theirs]
+        self.crossed[theirs] += other.crossed[theirs]
+
+    def judge(self) -> tuple[I64, I8]:
+        """Numbers (m,) of the cells that were seen, and their states (m,): OCCUPIED, FREE or UNKNOWN."""
+        states = np.empty(self._n_touched, dtype=np.int8)
+        rule = self.params
+        judge_cells(
+            self.hits,
+            self.crossed,
+            self.surface.neighbours,
+            self._touched,
+            self._n_touched,
+            rule.occupied_share,
+            rule.occupied_hits,
+            rule.free_share,
+            rule.free_cells,
+            states,
+        )
+        return self._touched[: self._n_touched].copy(), states
+
+    def states(self) -> I8:
+        """State of every surface cell, (n,) int8."""
+        seen, states = self.judge()
+        everywhere = np.full(self.hits.size, UNKNOWN, dtype=np.int8)
+        everywhere[seen] = states
+        return everywhere
+
+    def clear(self) -> None:
+        """Forget everything; costs as much as was touched."""
+        seen = self._touched[: self._n_touched]
+        self.hits[seen] = 0.0
+        self.crossed[seen] = 0.0
+        self._n_touched = 0

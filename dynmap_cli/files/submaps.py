@@ -1,0 +1,107 @@
+"""submaps/: submaps.yaml with rectangles, areas and seed cells, and one mask PGM per sub-map.
+
+In a mask, 0 is a contested cell, 254 another cell the sub-map owns, 205 a cell that another one owns.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from PIL import Image
+
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.manifest import FORMAT_VERSION
+
+_CONTESTED, _OWNED, _ELSEWHERE = 0, 254, 205
+_MAX_CELLS = 100_000_000
+
+
+def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
+    """Write submaps.yaml and the masks."""
+    entries = []
+    for submap in submaps:
+        name = f"submap_{submap.submap_id:03d}.pgm"
+        grey = np.where(submap.contested, _CONTESTED, np.where(submap.owned, _OWNED, _ELSEWHERE))
+        Image.fromarray(np.flipud(grey.astype(np.uint8))).save(folder / name)
+        frame = submap.frame
+        row, col = np.argwhere(submap.contested)[0].tolist()
+        entries.append(
+            {
+                "id": submap.submap_id,
+                "origin_m": [_rounded(frame.origin_x_m), _rounded(frame.origin_y_m)],
+                "size_cells": [frame.cols, frame.rows],
+                "corner_cell": [submap.row, submap.col],
+                "area_m2": _rounded(submap.area_m2),
+                "contested_cells": int(submap.contested.sum()),
+                "seed_cell": [submap.row + row, submap.col + col],
+                "mask": name,
+            }
+        )
+    resolution = _rounded(submaps[0].frame.resolution_m) if submaps else None
+    content = {"format_version": FORMAT_VERSION, "resolution_m": resolution, "submaps": entries}
+    (folder / "submaps.yaml").write_text(
+        yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="ascii"
+    )
+
+
+def read_submaps(folder: Path) -> tuple[SubMap, ...]:
+    """Read what `write_submaps` wrote.
+
+    Raises
+    ------
+    ArtifactError
+        If a file is missing, damaged or of another format version.
+    """
+    path = folder / "submaps.yaml"
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        msg = f"{path}: not a readable list of sub-maps ({str(err).splitlines()[0]}). Run `dynmap segment` again."
+        raise ArtifactError(msg) from err
+    found = content.get("format_version") if isinstance(content, dict) else None
+    if found != FORMAT_VERSION:
+        msg = (
+            f"{path}: written in format version {found}, this dynmap reads version {FORMAT_VERSION}. "
+            "Run `dynmap segment` again with --force, or use the dynmap that wrote it."
+        )
+        raise ArtifactError(msg)
+    try:
+        return tuple(_read_one(folder, content["resolution_m"], entry) for entry in content["submaps"])
+    except (KeyError, TypeError, ValueError, OSError) as err:
+        msg = f"{path}: damaged list of sub-maps ({err!r}). Run `dynmap segment` again with --force."
+        raise ArtifactError(msg) from err
+
+
+def _read_one(folder: Path, resolution_m: float, entry: dict[str, Any]) -> SubMap:
+    """One entry with its mask."""
+    cols, rows = (int(size) for size in entry["size_cells"])
+    if min(cols, rows) < 1 or cols * rows > _MAX_CELLS:
+        msg = f"size_cells {entry['size_cells']}"
+        raise ValueError(msg)
+    name = Path(str(entry["mask"])).name
+    with Image.open(folder / name) as image:
+        if image.size != (cols, rows):
+            msg = f"{name} is {image.size}, not {(cols, rows)}"
+            raise ValueError(msg)
+        grey = np.flipud(np.asarray(image.convert("L")))
+    origin_x, origin_y = (float(value) for value in entry["origin_m"])
+    row, col = (int(value) for value in entry["corner_cell"])
+    return SubMap(
+        submap_id=int(entry["id"]),
+        frame=GridFrame(float(resolution_m), origin_x, origin_y, rows, cols),
+        row=row,
+        col=col,
+        contested=grey == _CONTESTED,
+        owned=grey != _ELSEWHERE,
+        area_m2=float(entry["area_m2"]),
+    )
+
+
+def _rounded(value: float) -> float:
+    """Nanometres are enough; hides the noise of sums of fractions."""
+    return round(float(value), 9)

@@ -1,0 +1,322 @@
+"""Evidence of what was seen where and when: hits, beams that cross a surface, and the tri-state of cells."""
+
+from __future__ import annotations
+
+import math
+
+from dynmap_cli.arrays import F32, F64, I8, I32, I64
+from dynmap_cli.kernels.jit import kernel
+
+
+@kernel
+def add_hit_moments(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    poses: F64,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    hits: F64,
+    offset_x: F64,
+    offset_y: F64,
+) -> None:
+    """Add the end points of scans: how many lie in each cell, and the sums of their places.
+
+    Parameters
+    ----------
+    ranges_m : (n_scans, n_beams) float32
+        +inf = nothing within reach, NaN = no measurement.
+    geometry_index : (n_scans,) int32
+    directions : (n_geometries, n_beams, 2) float64
+        Unit vectors of the beams in the robot frame.
+    sensor_poses : (n_geometries, 3) float64
+        robot_from_sensor.
+    usable_m : (n_geometries,) float64
+        End points up to this range count.
+    poses : (n_scans, 3) float64
+        map_from_robot; rows with NaN are skipped.
+    resolution_m, origin_x_m, origin_y_m : float
+        Frame of the grid.
+    hits, offset_x, offset_y : (rows, cols) float64
+        Number of end points, and the sums of their offsets from the corner of the cell, cells.
+    """
+    rows, cols = hits.shape
+    for scan in range(ranges_m.shape[0]):
+        geometry, yaw = geometry_index[scan], poses[scan, 2]
+        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + yaw):
+            continue
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
+        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        for beam in range(ranges_m.shape[1]):
+            distance = float(ranges_m[scan, beam])
+            if not distance <= usable_m[geometry]:
+                continue
+            length = distance / resolution_m
+            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
+            x = x0 + length * (cos * direction_x - sin * direction_y)
+            y = y0 + length * (sin * direction_x + cos * direction_y)
+            if 0.0 <= x < cols and 0.0 <= y < rows:
+                col, row = int(x), int(y)
+                hits[row, col] += 1.0
+                offset_x[row, col] += x - col
+                offset_y[row, col] += y - row
+
+
+@kernel
+def surface_normals(
+    cells: I64,
+    hits: F64,
+    offset_x: F64,
+    offset_y: F64,
+    radius_cells: int,
+    max_spread_ratio: float,
+    out: F64,
+) -> None:
+    """Write the normal of the line through the hits around each cell, (0, 0) where they form no line.
+
+    The line is that of the hit centroids within `radius_cells`, weighted with their hits; it counts as a
+    line if the smaller eigenvalue of their scatter is at most `max_spread_ratio` of the larger one.
+
+    Parameters
+    ----------
+    cells : (n, 2) int64
+        Row and column.
+    hits, offset_x, offset_y : (rows, cols) float64
+        As `add_hit_moments` leaves them.
+    radius_cells : int
+    max_spread_ratio : float
+    out : (n, 2) float64
+        Unit normal (x, y).
+    """
+    rows, cols = hits.shape
+    for k in range(cells.shape[0]):
+        row, col = cells[k, 0], cells[k, 1]
+        weight = mean_x = mean_y = xx = xy = yy = 0.0
+        for r in range(max(row - radius_cells, 0), min(row + radius_cells + 1, rows)):
+            for c in range(max(col - radius_cells, 0), min(col + radius_cells + 1, cols)):
+                w = hits[r, c]
+                if w > 0.0:
+                    x, y = c - col + offset_x[r, c] / w, r - row + offset_y[r, c] / w
+                    weight += w
+                    mean_x += w * x
+                    mean_y += w * y
+                    xx += w * x * x
+                    xy += w * x * y
+                    yy += w * y * y
+        out[k, 0] = out[k, 1] = 0.0
+        if weight <= 0.0:
+            continue
+        mean_x, mean_y = mean_x / weight, mean_y / weight
+        xx, xy, yy = xx / weight - mean_x**2, xy / weight - mean_x * mean_y, yy / weight - mean_y**2
+        middle, reach = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+        if reach <= 0.0 or middle - reach > max_spread_ratio * (middle + reach):
+            continue
+        along = 0.5 * math.atan2(2.0 * xy, xx - yy)
+        out[k, 0], out[k, 1] = -math.sin(along), math.cos(along)
+
+
+@kernel
+def add_evidence(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    poses: F64,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    index: I32,
+    normals: F64,
+    min_crossing_sine: float,
+    beyond_m: float,
+    hits: F64,
+    crossed: F64,
+    touched: I64,
+    n_touched: int,
+) -> int:
+    """Add scans: end points per numbered cell, and the length of the beams that cross its surface.
+
+    A pass is evidence only where the beam meets the local surface steeply enough and ends at least
+    `beyond_m` further on: along a wall that never changed, beams slide through its cells and end on the same
+    wall. A beam without return, or longer than the usable range, passes up to the usable range.
+
+    Parameters
+    ----------
+    ranges_m, geometry_index, directions, sensor_poses, usable_m, poses, resolution_m, origin_x_m, origin_y_m
+        As in `add_hit_moments`.
+    index : (rows, cols) int32
+        Number of each cell of interest, -1 for the others.
+    normals : (n, 2) float64
+        Normal of the surface in each cell of interest, (0, 0) = none.
+    min_crossing_sine : float
+        Sine of the smallest angle between beam and surface.
+    beyond_m : float
+    hits : (n,) float64
+    crossed : (n,) float64
+        Length in cells.
+    touched : (n,) int64
+        Numbers of the cells that are not zero any more, the first `n_touched` entries.
+    n_touched : int
+
+    Returns
+    -------
+    int
+        The new `n_touched`.
+    """
+    rows, cols = index.shape
+    beyond = beyond_m / resolution_m
+    for scan in range(ranges_m.shape[0]):
+        geometry, yaw = geometry_index[scan], poses[scan, 2]
+        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + yaw):
+            continue
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
+        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        for beam in range(ranges_m.shape[1]):
+            distance = float(ranges_m[scan, beam])
+            if math.isnan(distance):
+                continue
+            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
+            dx = cos * direction_x - sin * direction_y
+            dy = sin * direction_x + cos * direction_y
+            if distance <= usable_m[geometry]:
+                length = distance / resolution_m
+                x, y = x0 + length * dx, y0 + length * dy
+                if 0.0 <= x < cols and 0.0 <= y < rows:
+                    cell = index[int(y), int(x)]
+                    if cell >= 0:
+                        if hits[cell] == 0.0 and crossed[cell] == 0.0:
+                            touched[n_touched] = cell
+                            n_touched += 1
+                        hits[cell] += 1.0
+                stop = length - beyond
+            else:
+                stop = usable_m[geometry] / resolution_m
+            # The part [start, stop] of the beam that lies in the grid, in cells from the sensor.
+            start = 0.0
+            if dx != 0.0:
+                near, far = -x0 / dx, (cols - x0) / dx
+                start, stop = max(start, min(near, far)), min(stop, max(near, far))
+            elif not 0.0 <= x0 < cols:
+                continue
+            if dy != 0.0:
+                near, far = -y0 / dy, (rows - y0) / dy
+                start, stop = max(start, min(near, far)), min(stop, max(near, far))
+            elif not 0.0 <= y0 < rows:
+                continue
+            if stop <= start:
+                continue
+            col = min(max(int(math.floor(x0 + start * dx)), 0), cols - 1)
+            row = min(max(int(math.floor(y0 + start * dy)), 0), rows - 1)
+            step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+            next_x = ((col + (dx > 0)) - x0) / dx if dx != 0.0 else math.inf
+            next_y = ((row + (dy > 0)) - y0) / dy if dy != 0.0 else math.inf
+            delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+            delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+            at = start
+            while True:
+                leaving = min(next_x, next_y)
+                cell = index[row, col]
+                if cell >= 0:
+                    nx, ny = normals[cell, 0], normals[cell, 1]
+                    if abs(dx * nx + dy * ny) >= min_crossing_sine or (nx == 0.0 and ny == 0.0):
+                        passed = min(leaving, stop) - at
+                        if passed > 0.0:
+                            if hits[cell] == 0.0 and crossed[cell] == 0.0:
+                                touched[n_touched] = cell
+                                n_touched += 1
+                            crossed[cell] += passed
+                if leaving >= stop:
+                    break
+                at = max(leaving, at)
+                if next_x < next_y:
+                    col += step_col
+                    next_x += delta_x
+                else:
+                    row += step_row
+                    next_y += delta_y
+                if not (0 <= row < rows and 0 <= col < cols):
+                    break
+    return n_touched
+
+
+@kernel
+def judge_cells(
+    hits: F64,
+    crossed: F64,
+    neighbours: I32,
+    touched: I64,
+    n_touched: int,
+    occupied_share: float,
+    occupied_hits: float,
+    free_share: float,
+    free_cells: float,
+    out: I8,
+) -> None:
+    """Write what was seen in each touched cell: 1 occupied, 0 free, -1 neither.
+
+    With the hit share h = hits / (hits + crossed), a cell is occupied if h is large and there are hits
+    enough, free if the largest h of the cells around it is small and enough beams crossed it.
+
+    Parameters
+    ----------
+    hits, crossed : (n,) float64
+    neighbours : (n, k) int32
+        Numbers of the cells around each cell and its own, -1 = a cell in which no beam ever ended.
+    touched : (n,) int64
+    n_touched : int
+    occupied_share, free_share : float
+        Bounds on h.
+    occupied_hits : float
+    free_cells : float
+        Least length of the beams that crossed, cells.
+    out : (n,) int8
+        Entry k is that of cell touched[k].
+    """
+    for k in range(n_touched):
+        cell = touched[k]
+        out[k] = -1
+        if hits[cell] >= occupied_hits and hits[cell] >= occupied_share * (hits[cell] + crossed[cell]):
+            out[k] = 1
+        elif crossed[cell] >= free_cells:
+            largest = 0.0
+            for n in range(neighbours.shape[1]):
+                other = neighbours[cell, n]
+                if other >= 0 and hits[other] > 0.0:
+                    largest = max(largest, hits[other] / (hits[other] + crossed[other]))
+            if largest < free_share:
+                out[k] = 0
+
+
+@kernel
+def segment_is_blocked(x0: float, y0: float, x1: float, y1: float, blocking: I8) -> bool:
+    """Whether the segment between two points crosses a blocking cell; its two end cells do not count.
+
+    Coordinates are in cells; blocking is (rows, cols) int8, 1 = blocks.
+    """
+    rows, cols = blocking.shape
+    dx, dy = x1 - x0, y1 - y0
+    col, row = int(math.floor(x0)), int(math.floor(y0))
+    end_col, end_row = int(math.floor(x1)), int(math.floor(y1))
+    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    next_x = ((col + (dx > 0)) - x0) / dx if dx != 0.0 else math.inf
+    next_y = ((row + (dy > 0)) - y0) / dy if dy != 0.0 else math.inf
+    delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+    delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+    for _ in range(abs(end_col - col) + abs(end_row - row) - 1):
+        if next_x < next_y:
+            col += step_col
+            next_x += delta_x
+        else:
+            row += step_row
+            next_y += delta_y
+        if 0 <= row < rows and 0 <= col < cols and blocking[row, col] == 1:
+            return True
+    return False
