@@ -1,0 +1,174 @@
+"""The robot's path: waypoints joined by pieces of constant speed and turn rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F64
+from dynmap_cli.simulation.scenario import Robot, Step
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Where the robot is at any time, in pieces of constant twist.
+
+    Attributes
+    ----------
+    times_s : (n + 1,) float64
+        Begin of each piece and end of the last, seconds since the start.
+    poses : (n, 3) float64
+        world_from_robot at the begin of each piece; yaw grows without wrapping.
+    twists : (n, 2) float64
+        Speed in m/s, negative = in reverse, and turn rate in rad/s.
+    recorded : (n,) bool
+        False while the robot is switched off.
+    """
+
+    times_s: F64
+    poses: F64
+    twists: F64
+    recorded: B1
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the whole drive."""
+        return float(self.times_s[-1])
+
+    def at(self, times_s: F64) -> F64:
+        """(m,) times -> (m, 3) world_from_robot, yaw not wrapped; the first and last pose hold outside."""
+        times = np.clip(times_s, self.times_s[0], self.times_s[-1])
+        piece = self._piece(times)
+        return _advance(self.poses[piece], self.twists[piece], times - self.times_s[piece])
+
+    def is_recorded(self, times_s: F64) -> B1:
+        """(m,) whether the robot is switched on."""
+        return np.asarray(self.recorded[self._piece(times_s)])
+
+    def distance_m(self, times_s: F64) -> F64:
+        """(m,) length of the path driven until each time."""
+        knots = np.concatenate([[0.0], np.cumsum(np.abs(self.twists[:, 0]) * np.diff(self.times_s))])
+        return np.asarray(np.interp(times_s, self.times_s, knots))
+
+    def time_at_distance_s(self, distance_m: F64) -> F64:
+        """(m,) time at which a length was driven."""
+        knots = np.concatenate([[0.0], np.cumsum(np.abs(self.twists[:, 0]) * np.diff(self.times_s))])
+        return np.asarray(np.interp(distance_m, knots, self.times_s))
+
+    def _piece(self, times_s: F64) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+        """Which piece each time falls into."""
+        found = np.searchsorted(self.times_s, times_s, side="right") - 1
+        return np.clip(found, 0, len(self.twists) - 1).astype(np.int64)
+
+
+def plan_drive(robot: Robot) -> Drive:
+    """Turn the steps of a robot's path into pieces of constant twist."""
+    pieces = [piece for piece in _pieces(robot) if piece[2] > 0.0] or [(0.0, 0.0, 1e-3, True)]
+    twists = np.array([piece[:2] for piece in pieces])
+    durations = np.array([piece[2] for piece in pieces])
+    poses = np.empty((len(pieces), 3))
+    poses[0] = _first_pose(robot)
+    for number in range(1, len(pieces)):
+        poses[number] = _advance(poses[number - 1], twists[number - 1], durations[number - 1])
+    times = np.concatenate([[0.0], np.cumsum(durations)])
+    return Drive(times, poses, twists, np.array([piece[3] for piece in pieces], dtype=bool))
+
+
+def _advance(poses: F64, twists: F64, seconds: F64) -> F64:
+    """Move along an arc of constant twist; shapes (..., 3), (..., 2), (...)."""
+    turn = twists[..., 1] * seconds
+    length = twists[..., 0] * seconds
+    middle = poses[..., 2] + 0.5 * turn
+    chord = length * np.sinc(turn / (2.0 * np.pi))
+    x = poses[..., 0] + chord * np.cos(middle)
+    y = poses[..., 1] + chord * np.sin(middle)
+    return np.stack([x, y, poses[..., 2] + turn], axis=-1)
+
+
+def _first_pose(robot: Robot) -> F64:
+    """Where the robot stands at first: looking along its first leg."""
+    start = robot.path[0].to
+    assert start is not None
+    for step in robot.path[1:]:
+        if step.to is not None and step.to != start:
+            heading = math.atan2(step.to[1] - start[1], step.to[0] - start[0])
+            return np.array([*start, heading + (math.pi if step.backwards else 0.0)])
+    return np.array([*start, 0.0])
+
+
+Piece = tuple[float, float, float, bool]
+"""Speed, turn rate, duration, whether recorded."""
+
+
+def _pieces(robot: Robot) -> Iterator[Piece]:
+    """Yield the pieces of the whole path, in order."""
+    x, y, yaw = _first_pose(robot)
+    rate = math.radians(robot.turn_rate_degps)
+    steps = [robot.path[0], *(list(robot.path) * robot.repeat)[1:]]
+    cut = 0.0
+    for number, step in enumerate(steps):
+        if step.to is not None and math.hypot(step.to[0] - x, step.to[1] - y) > 1e-9:
+            length = math.hypot(step.to[0] - x, step.to[1] - y)
+            heading = math.atan2(step.to[1] - y, step.to[0] - x) + (math.pi if step.backwards else 0.0)
+            turn = math.remainder(heading - yaw, 2.0 * math.pi)
+            if cut == 0.0:
+                yield 0.0, math.copysign(rate, turn), abs(turn) / rate, True
+            sign = -1.0 if step.backwards else 1.0
+            following = steps[number + 1] if number + 1 < len(steps) else None
+            next_cut = _cut_length(robot, (x, y), step.to, step, following)
+            straight = length - cut - next_cut
+            yield sign * robot.speed_mps, 0.0, straight / robot.speed_mps, True
+            (x, y), yaw = step.to, heading
+            if next_cut > 0.0:
+                assert following is not None and following.to is not None
+                yield _arc(robot, (x, y), yaw, following.to, next_cut)
+                yaw = math.atan2(following.to[1] - y, following.to[0] - x)
+            cut = next_cut
+        yield 0.0, 0.0, step.wait_s, True
+        yield 0.0, 0.0, step.off_s, False
+
+
+def _cut_length(
+    robot: Robot, here: tuple[float, float], corner: tuple[float, float], step: Step, following: Step | None
+) -> float:
+    """How much of both legs a rounded corner takes; 0 where the robot stops, reverses or turns back."""
+    if (
+        following is None
+        or following.to is None
+        or step.wait_s
+        or step.off_s
+        or step.backwards
+        or following.backwards
+    ):
+        return 0.0
+    before = math.hypot(corner[0] - here[0], corner[1] - here[1])
+    after = math.hypot(following.to[0] - corner[0], following.to[1] - corner[1])
+    if after <= 1e-9:
+        return 0.0
+    angle = _corner_angle(here, corner, following.to)
+    if not 1e-6 < abs(angle) < math.radians(150.0):
+        return 0.0
+    return min(robot.corner_m, 0.45 * before, 0.45 * after)
+
+
+def _corner_angle(
+    here: tuple[float, float], corner: tuple[float, float], target: tuple[float, float]
+) -> float:
+    """Signed turn at a corner."""
+    incoming = math.atan2(corner[1] - here[1], corner[0] - here[0])
+    outgoing = math.atan2(target[1] - corner[1], target[0] - corner[0])
+    return math.remainder(outgoing - incoming, 2.0 * math.pi)
+
+
+def _arc(
+    robot: Robot, corner: tuple[float, float], yaw: float, target: tuple[float, float], cut: float
+) -> Piece:
+    """The arc that rounds a corner, as slow as the turn rate asks for."""
+    outgoing = math.atan2(target[1] - corner[1], target[0] - corner[0])
+    angle = math.remainder(outgoing - yaw, 2.0 * math.pi)
+    radius = cut / math.tan(abs(angle) / 2.0)
+    speed = min(robot.speed_mps, math.radians(robot.turn_rate_degps) * radius)
+    return speed, math.copysign(speed / radius, angle), radius * abs(angle) / speed, True

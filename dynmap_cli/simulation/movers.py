@@ -1,0 +1,243 @@
+"""Where people, carts and other robots are at any time, and what the laser sees of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.simulation.driving import Drive
+from dynmap_cli.simulation.randomness import stream
+from dynmap_cli.simulation.scenario import Block, Follow, Moving, Point, Scenario, Stand, Walk, Wander
+
+_LEG_RADIUS_M, _TRUNK_RADIUS_M = 0.06, 0.18
+_LEG_SIDE_M = 0.1
+_HALF_STEP_M = 0.32
+_ROBOT_RADIUS_M = 0.25
+_KEEP_CLEAR_M = 0.5
+_SECONDS_PER_SAMPLE = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The way of one mover, straight between knots.
+
+    Attributes
+    ----------
+    shape : str
+        "person", "cart" or "robot".
+    size_m : tuple of float
+        Length and width of a cart.
+    times_s : (n,) float64
+        Ascending, seconds since the start.
+    points : (n, 2) float64
+        Where it is at each time, world frame, metres.
+    present_s : tuple of float
+        From when until when it is there.
+    evades : bool
+        Whether it steps out of the robot's way.
+    """
+
+    shape: str
+    size_m: tuple[float, float]
+    times_s: F64
+    points: F64
+    present_s: tuple[float, float]
+    evades: bool
+
+    def at(self, times_s: F64, robot: F64) -> tuple[F64, F64]:
+        """(m,) times and (m, 3) robot poses -> (m, 3) poses, NaN where it is not there, and (m,) length walked."""
+        steps = np.diff(self.points, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        walked = np.interp(times_s, self.times_s, np.concatenate([[0.0], np.cumsum(lengths)]))
+        place = np.column_stack([np.interp(times_s, self.times_s, self.points[:, axis]) for axis in (0, 1)])
+        moving = np.flatnonzero(lengths > 1e-6)
+        yaw = np.zeros(times_s.size)
+        if moving.size:
+            leg = np.clip(
+                np.searchsorted(self.times_s[moving], times_s, side="right") - 1, 0, moving.size - 1
+            )
+            chosen = steps[moving[leg]]
+            yaw = np.arctan2(chosen[:, 1], chosen[:, 0])
+        if self.evades:
+            place = _pushed_away(place, robot)
+        poses = np.column_stack([place, yaw])
+        poses[(times_s < self.present_s[0]) | (times_s >= self.present_s[1])] = np.nan
+        return poses, walked
+
+
+@dataclass(frozen=True, slots=True)
+class MovingShapes:
+    """What movers look like at some times.
+
+    Attributes
+    ----------
+    segments : (n_times, n_segments, 4) float64
+        x, y of both ends; NaN = not there.
+    circles : (n_times, n_circles, 3) float64
+        x, y, radius; NaN = not there.
+    """
+
+    segments: F64
+    circles: F64
+
+
+def tracks(scenario: Scenario, drive: Drive) -> list[Track]:
+    """Ways of all movers through the whole drive."""
+    result = []
+    for number, mover in enumerate(scenario.movers):
+        draw = stream(scenario.seed, f"mover {number}")
+        ends = (mover.from_s, mover.to_s if mover.to_s is not None else math.inf)
+        for times, points in _ways(mover, scenario.world.routes, drive, draw):
+            result.append(
+                Track(mover.shape, mover.size_m, times, points, ends, not isinstance(mover, Follow | Block))
+            )
+    return result
+
+
+def shapes_at(all_tracks: Sequence[Track], times_s: F64, robot: F64, sees: str) -> MovingShapes:
+    """What a laser at the height of legs or trunks can see of all movers at some times."""
+    segments: list[F64] = [np.empty((times_s.size, 0, 4))]
+    circles: list[F64] = [np.empty((times_s.size, 0, 3))]
+    for track in all_tracks:
+        poses, walked = track.at(times_s, robot)
+        if track.shape == "cart":
+            segments.append(_rectangles(poses, track.size_m))
+        elif track.shape == "robot":
+            circles.append(_discs(poses[:, None, :2], _ROBOT_RADIUS_M))
+        elif sees == "torso":
+            circles.append(_discs(poses[:, None, :2], _TRUNK_RADIUS_M))
+        else:
+            circles.append(_discs(_feet(poses, walked), _LEG_RADIUS_M))
+    return MovingShapes(np.concatenate(segments, axis=1), np.concatenate(circles, axis=1))
+
+
+def _ways(
+    mover: Moving, routes: Sequence[Sequence[Point]], drive: Drive, draw: np.random.Generator
+) -> list[tuple[F64, F64]]:
+    """Times and points of each of the movers that one entry of a scenario stands for."""
+    end_s = drive.duration_s + 1.0
+    if isinstance(mover, Walk):
+        return [_walk(mover, end_s)]
+    if isinstance(mover, Wander):
+        return [_wander(mover, routes, end_s, draw) for _ in range(mover.count)]
+    if isinstance(mover, Stand):
+        return [_stand(mover, number, end_s, draw) for number in range(mover.count)]
+    assert isinstance(mover, Follow | Block)
+    return [_with_robot(mover, drive, draw)]
+
+
+def _walk(mover: Walk, end_s: float) -> tuple[F64, F64]:
+    """Along the path, to and fro or round and round."""
+    lap = [*mover.path, mover.path[0]] if mover.closed else [*mover.path, *mover.path[-2::-1]]
+    times, points = [mover.from_s], [lap[0]]
+    while times[-1] < end_s:
+        for here, there in pairwise(lap):
+            times.append(times[-1] + max(math.dist(here, there) / mover.speed_mps, 1e-3))
+            points.append(there)
+            if mover.pause_s > 0.0:
+                times.append(times[-1] + mover.pause_s)
+                points.append(there)
+    return np.array(times), np.array(points)
+
+
+def _wander(
+    mover: Wander, routes: Sequence[Sequence[Point]], end_s: float, draw: np.random.Generator
+) -> tuple[F64, F64]:
+    """A random walk over the crossings of the routes, turning back only at dead ends."""
+    neighbours: dict[Point, list[Point]] = {}
+    for route in routes:
+        for here, there in pairwise(route):
+            neighbours.setdefault(here, []).append(there)
+            neighbours.setdefault(there, []).append(here)
+    crossings = sorted(neighbours)
+    here = before = crossings[int(draw.integers(len(crossings)))]
+    side = draw.uniform(-0.4, 0.4, size=2)
+    speed = mover.speed_mps * float(draw.uniform(0.8, 1.2))
+    times, points = [mover.from_s], [here]
+    while times[-1] < end_s:
+        choices = [there for there in neighbours[here] if there != before] or neighbours[here]
+        before, here = here, choices[int(draw.integers(len(choices)))]
+        times.append(times[-1] + max(math.dist(before, here) / speed, 1e-3))
+        points.append(here)
+        if draw.random() < mover.pause_share:
+            times.append(times[-1] + float(draw.exponential(mover.pause_s)))
+            points.append(here)
+    return np.array(times), np.array(points) + side
+
+
+def _stand(mover: Stand, number: int, end_s: float, draw: np.random.Generator) -> tuple[F64, F64]:
+    """In a ring around a place, shifting the feet every ten seconds or so."""
+    angle = 2.0 * math.pi * number / mover.count + float(draw.uniform(0.0, 0.5))
+    radius = 0.0 if mover.count == 1 else 0.45
+    home = np.array(mover.at) + radius * np.array([math.cos(angle), math.sin(angle)])
+    times, points = [mover.from_s], [home]
+    while times[-1] < end_s:
+        times += [times[-1] + float(draw.exponential(10.0)) + 1.0]
+        points += [points[-1]]
+        times += [times[-1] + 0.5]
+        points += [home + draw.normal(0.0, 0.08, size=2)]
+    return np.array(times), np.array(points)
+
+
+def _with_robot(mover: Follow | Block, drive: Drive, draw: np.random.Generator) -> tuple[F64, F64]:
+    """On the robot's own path, behind or before it, swaying a little."""
+    times = np.arange(0.0, drive.duration_s + 1.0, _SECONDS_PER_SAMPLE)
+    driven = drive.distance_m(times)
+    distance = -mover.distance_m if isinstance(mover, Follow) else mover.distance_m
+    there = driven + distance
+    poses = drive.at(drive.time_at_distance_s(there))
+    beyond = there - np.clip(there, 0.0, driven[-1])
+    sway = 0.12 * np.sin(times * 2.0 * np.pi / 7.0 + draw.uniform(0.0, 6.0))
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    points = np.column_stack(
+        [poses[:, 0] + beyond * cos - sway * sin, poses[:, 1] + beyond * sin + sway * cos]
+    )
+    return times, points
+
+
+def _pushed_away(place: F64, robot: F64) -> F64:
+    """Move points out of the circle that people keep clear of the robot."""
+    offset = place - robot[:, :2]
+    distance = np.linalg.norm(offset, axis=1)
+    close = distance < _KEEP_CLEAR_M
+    if not close.any():
+        return place
+    outwards = np.where(distance[:, None] > 1e-6, offset / np.maximum(distance, 1e-6)[:, None], [1.0, 0.0])
+    return np.where(close[:, None], robot[:, :2] + _KEEP_CLEAR_M * outwards, place)
+
+
+def _feet(poses: F64, walked_m: F64) -> F64:
+    """(m, 2, 2) places of both feet: one stands still on the ground while the other swings forward."""
+    cycle = walked_m / (4.0 * _HALF_STEP_M)
+    left = _HALF_STEP_M * (4.0 * np.abs(cycle - np.floor(cycle + 0.5)) - 1.0)
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    feet = []
+    for side, ahead in ((_LEG_SIDE_M, left), (-_LEG_SIDE_M, -left)):
+        feet.append(
+            np.column_stack([poses[:, 0] + ahead * cos - side * sin, poses[:, 1] + ahead * sin + side * cos])
+        )
+    return np.stack(feet, axis=1)
+
+
+def _discs(centers: F64, radius_m: float) -> F64:
+    """(m, k, 2) centres -> (m, k, 3) circles."""
+    return np.concatenate([centers, np.full((*centers.shape[:2], 1), radius_m)], axis=2)
+
+
+def _rectangles(poses: F64, size_m: tuple[float, float]) -> F64:
+    """(m, 3) poses -> (m, 4, 4) sides of rectangles."""
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    half, side = size_m[0] / 2.0, size_m[1] / 2.0
+    corners = np.stack(
+        [
+            np.column_stack([poses[:, 0] + cos * u - sin * v, poses[:, 1] + sin * u + cos * v])
+            for u, v in ((half, side), (-half, side), (-half, -side), (half, -side))
+        ],
+        axis=1,
+    )
+    return np.concatenate([corners, np.roll(corners, -1, axis=1)], axis=2)

@@ -1,0 +1,377 @@
+"""Scenarios: what a YAML file says about world, movers, robot and sensors. Checked once, frozen."""
+
+from __future__ import annotations
+
+import difflib
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
+
+from dynmap_cli.errors import ConfigError
+
+Point = tuple[float, float]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+
+
+class Part(BaseModel):
+    """What all parts of a scenario have in common: frozen, no unknown keys, finite numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _wall_from_points(value: Any) -> Any:
+    """Let a plain list of points stand for an opaque wall."""
+    return {"points": value} if isinstance(value, list) else value
+
+
+class Wall(Part):
+    """A polyline of walls."""
+
+    points: tuple[Point, ...] = Field(min_length=2, description="Corners, metres.")
+    closed: bool = Field(False, description="Whether the last corner is joined to the first.")
+    returns: Share = Field(1.0, description="Share of beams it reflects; glass about 0.3.")
+
+
+class Arc(Part):
+    """A curved wall, made of short pieces."""
+
+    center: Point
+    radius_m: Positive
+    from_deg: float = 0.0
+    to_deg: float = 360.0
+    returns: Share = 1.0
+
+
+class Leg(Part):
+    """A thin upright: leg of a table or chair, pillar, tree."""
+
+    at: Point
+    radius_m: Positive = 0.02
+
+
+class Process(Part):
+    """Seeded changes of state: exponential waiting times, each change to another state at random."""
+
+    mean_s: Positive = Field(description="Mean time from one change to the next.")
+    when: Literal["always", "away", "near"] = Field(
+        "always",
+        description="Changes wait until the robot is further than near_m, or nearer, or for nothing.",
+    )
+    near_m: Positive = 8.0
+
+
+class Changing(Part):
+    """A thing with several states: when it takes which."""
+
+    name: str = Field(min_length=1)
+    schedule: tuple[tuple[NotNegative, str], ...] = Field(
+        (), description="[seconds since the start, state]; the first state holds until the first entry."
+    )
+    process: Process | None = Field(None, description="Seeded changes instead of a schedule.")
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _check_changes(self) -> Changing:
+        """Refuse unknown states and two sources of changes."""
+        if self.schedule and self.process:
+            msg = f"'{self.name}' has both a schedule and a process; keep one"
+            raise ValueError(msg)
+        for _, state in self.schedule:
+            if state not in self.state_names:
+                msg = f"'{self.name}' has no state '{state}', only {', '.join(self.state_names)}"
+                raise ValueError(msg)
+        return self
+
+
+class Door(Changing):
+    """A door leaf, 4 cm thick, between hinge and latch when closed."""
+
+    kind: Literal["hinged", "sliding"] = "hinged"
+    hinge: Point
+    latch: Point
+    states: dict[str, float] = Field(
+        {"closed": 0.0, "open": 90.0},
+        min_length=2,
+        description="Hinged: angle in degrees, counter-clockwise; sliding: percent of the width pushed past the hinge.",
+    )
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        return tuple(self.states)
+
+
+class Box(Changing):
+    """A box, pallet, car, table or chair that stands at one of several places, or is gone."""
+
+    size_m: tuple[Positive, Positive]
+    places: dict[str, tuple[float, float, float]] = Field(
+        min_length=1, description="Centre x, y in metres and yaw in degrees."
+    )
+    absent: bool = Field(True, description="Whether 'absent' is a state too.")
+    shape: Literal["solid", "legs"] = Field("solid", description="legs: only four thin legs at the corners.")
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        return (*self.places, "absent") if self.absent else tuple(self.places)
+
+
+class World(Part):
+    """What stands around."""
+
+    walls: tuple[Annotated[Wall, BeforeValidator(_wall_from_points)], ...] = ()
+    arcs: tuple[Arc, ...] = ()
+    legs: tuple[Leg, ...] = ()
+    doors: tuple[Door, ...] = ()
+    boxes: tuple[Box, ...] = ()
+    routes: tuple[tuple[Point, ...], ...] = Field(
+        (), description="Polylines along which wanderers go; shared points are crossings."
+    )
+
+    @model_validator(mode="after")
+    def _check_names(self) -> World:
+        """Refuse two objects of one name."""
+        names = [thing.name for thing in (*self.doors, *self.boxes)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            msg = f"two objects are called '{twice[0]}'; give each its own name"
+            raise ValueError(msg)
+        return self
+
+
+class Moving(Part):
+    """What all movers have in common."""
+
+    shape: Literal["person", "cart", "robot"] = "person"
+    size_m: tuple[Positive, Positive] = Field((0.8, 0.5), description="Length and width of a cart.")
+    from_s: NotNegative = Field(0.0, description="Seconds since the start from which it is there.")
+    to_s: Positive | None = Field(None, description="Seconds since the start until which it is there.")
+
+
+class Walk(Moving):
+    """Goes along a path, to and fro or round and round."""
+
+    does: Literal["walk"] = "walk"
+    path: tuple[Point, ...] = Field(min_length=2)
+    speed_mps: Positive = 1.2
+    pause_s: NotNegative = Field(0.0, description="Pause at each corner.")
+    closed: bool = Field(False, description="Round and round instead of to and fro.")
+
+
+class Wander(Moving):
+    """Goes along the routes of the world, turns at random at crossings and stands still now and then."""
+
+    does: Literal["wander"] = "wander"
+    count: int = Field(1, ge=1)
+    speed_mps: Positive = 1.2
+    pause_share: Share = Field(0.2, description="Share of the crossings at which it stops.")
+    pause_s: Positive = Field(8.0, description="Mean length of a stop.")
+
+
+class Stand(Moving):
+    """Stands at a place, alone or talking in a ring, shifting the feet now and then."""
+
+    does: Literal["stand"] = "stand"
+    at: Point
+    count: int = Field(1, ge=1)
+
+
+class Follow(Moving):
+    """Goes behind the robot, on its path."""
+
+    does: Literal["follow"] = "follow"
+    distance_m: Positive = 1.0
+
+
+class Block(Moving):
+    """Goes in front of the robot, in its way."""
+
+    does: Literal["block"] = "block"
+    distance_m: Positive = 1.2
+
+
+Mover = Annotated[Walk | Wander | Stand | Follow | Block, Field(discriminator="does")]
+
+
+class Step(Part):
+    """One step of the robot's path: go somewhere, wait, or be switched off."""
+
+    to: Point | None = None
+    backwards: bool = Field(False, description="Drive there in reverse.")
+    wait_s: NotNegative = Field(0.0, description="Stand afterwards, measuring.")
+    off_s: NotNegative = Field(0.0, description="Stand afterwards, switched off: nothing is recorded.")
+
+
+def _step_from_point(value: Any) -> Any:
+    """Let a plain point stand for a step that goes there."""
+    return {"to": value} if isinstance(value, list | tuple) else value
+
+
+class Robot(Part):
+    """How the robot drives."""
+
+    path: tuple[Annotated[Step, BeforeValidator(_step_from_point)], ...] = Field(min_length=1)
+    repeat: int = Field(1, ge=1, description="How often the path is driven.")
+    speed_mps: Positive = 0.8
+    turn_rate_degps: Positive = 60.0
+    corner_m: NotNegative = Field(0.5, description="Length by which corners are cut; 0 = turn on the spot.")
+
+    @model_validator(mode="after")
+    def _check_path(self) -> Robot:
+        """The first step says where the robot starts."""
+        if self.path[0].to is None:
+            msg = "the first step of the path must be a place [x, y]: there the robot starts"
+            raise ValueError(msg)
+        return self
+
+
+class Laser(Part):
+    """A scanning laser."""
+
+    name: str = Field("laser", pattern=r"^[a-z][a-z0-9_]*$")
+    pose: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="On the robot: x, y in m, yaw in deg."
+    )
+    beams: int = Field(181, ge=2)
+    fov_deg: float = Field(180.0, gt=0.0, le=360.0)
+    clockwise: bool = False
+    min_range_m: NotNegative = 0.05
+    max_range_m: Positive = 30.0
+    rate_hz: Positive = 10.0
+    beam_interval_s: NotNegative = Field(0.0, description="Time from one beam to the next; 0 = all at once.")
+    noise_m: NotNegative = Field(0.01, description="Standard deviation of a range.")
+    noise_share: NotNegative = Field(0.0, description="Further standard deviation as a share of the range.")
+    dropout_share: Share = Field(0.0, description="Share of beams that come back with nothing, at any angle.")
+    grazing_deg: float = Field(
+        0.0, ge=0.0, lt=90.0, description="Below this angle to a surface returns get lost, all of them at 0."
+    )
+    mixed_share: Share = Field(0.0, description="Share of edge beams that end between the two surfaces.")
+    no_return: Literal["inf", "max", "zero"] = Field(
+        "inf", description="What the recording says where nothing is."
+    )
+    sees: Literal["legs", "torso"] = Field("legs", description="Height: people's legs or trunks.")
+
+    @model_validator(mode="after")
+    def _check_times(self) -> Laser:
+        """A sweep ends before the next begins."""
+        if self.beam_interval_s * (self.beams - 1) > 1.0 / self.rate_hz:
+            msg = (
+                f"{self.beams} beams at {self.beam_interval_s:g} s each do not fit into 1/{self.rate_hz:g} s"
+            )
+            raise ValueError(msg)
+        return self
+
+
+class Odometry(Part):
+    """How wheels count."""
+
+    rate_hz: Positive = 20.0
+    translation_scale: Positive = 1.0
+    rotation_scale: Positive = 1.0
+    bias_degpm: float = Field(0.0, description="Turn that is counted per metre driven, degrees.")
+    sigma_m_per_sqrt_m: NotNegative = Field(0.02, description="Noise of the length after one metre.")
+    sigma_deg_per_sqrt_m: NotNegative = Field(0.5, description="Noise of the direction after one metre.")
+    sigma_deg_per_sqrt_turn: NotNegative = Field(3.0, description="Noise of the direction after a full turn.")
+    slips_per_100m: NotNegative = Field(0.0, description="How often a wheel slips.")
+    slip_deg: NotNegative = Field(10.0, description="Standard deviation of the turn that a slip feigns.")
+    lag_s: float = Field(0.0, description="How late its time stamps are; negative = early.")
+    signed: bool = Field(True, description="False: reversing is counted as driving forwards.")
+    freezes_per_hour: NotNegative = 0.0
+    freeze_s: Positive = Field(3.0, description="Length of a freeze: motion meanwhile is not counted.")
+
+
+class Scenario(Part):
+    """A world, a robot in it, and what is recorded."""
+
+    about: str = Field("", description="One line: what it tests.")
+    seed: int = Field(0, ge=0)
+    start: AwareDatetime = datetime(2026, 3, 2, 8, 0, tzinfo=UTC)
+    turn_deg: float = Field(0.0, description="Turn of the whole world against the axes of the map.")
+    world: World = World()
+    movers: tuple[Mover, ...] = ()
+    robot: Robot
+    lasers: tuple[Laser, ...] = Field((Laser(),), min_length=1)
+    odometry: Odometry | None = Field(Odometry(), description="null = none.")
+    map_resolution_m: Positive = Field(0.05, description="Cell of the true map.")
+
+    @model_validator(mode="after")
+    def _check_parts(self) -> Scenario:
+        """Laser names differ; wanderers have routes."""
+        if len({laser.name for laser in self.lasers}) < len(self.lasers):
+            msg = "two lasers have the same name; give each its own"
+            raise ValueError(msg)
+        if any(isinstance(mover, Wander) for mover in self.movers) and not self.world.routes:
+            msg = "wanderers need world.routes to go along"
+            raise ValueError(msg)
+        return self
+
+
+def load_scenario(path: Path, seed: int | None = None) -> Scenario:
+    """Read a scenario file; *seed* replaces its own.
+
+    Raises
+    ------
+    ConfigError
+        One line with file and key, and the nearest known key where one is unknown.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f"{path}: scenario cannot be read ({getattr(err, 'strerror', None) or err})"
+        raise ConfigError(msg) from err
+    except yaml.YAMLError as err:
+        msg = f"{path}: not YAML ({' '.join(str(err).split())})"
+        raise ConfigError(msg) from err
+    return parse_scenario(content, str(path), seed)
+
+
+def parse_scenario(content: object, where: str = "scenario", seed: int | None = None) -> Scenario:
+    """Check the content of a scenario file; *where* is named in errors."""
+    if not isinstance(content, dict):
+        msg = f"{where}: expected 'key: value' lines, found {type(content).__name__}"
+        raise ConfigError(msg)
+    if seed is not None:
+        content = {**content, "seed": seed}
+    try:
+        return Scenario.model_validate(content)
+    except ValidationError as err:
+        msg = f"{where}: {_explain(err)}"
+        raise ConfigError(msg) from err
+
+
+def _explain(err: ValidationError) -> str:
+    """One line for the first value that is not allowed."""
+    first = err.errors()[0]
+    key = ".".join(str(part) for part in first["loc"]) or "scenario"
+    if first["type"] == "extra_forbidden":
+        nearest = difflib.get_close_matches(str(first["loc"][-1]), _all_keys(Part), n=1, cutoff=0.5)
+        hint = f", did you mean '{nearest[0]}'?" if nearest else ""
+        return f"unknown key '{key}'{hint}"
+    if first["type"] == "missing":
+        return f"'{key}' is missing"
+    found = repr(first.get("input"))
+    return f"{key} = {found if len(found) <= 60 else found[:57] + '...'} is not allowed: {first['msg']}"
+
+
+def _all_keys(part: type[Part]) -> list[str]:
+    """Every key that any part of a scenario knows."""
+    keys = {name for child in part.__subclasses__() for name in (*child.model_fields, *_all_keys(child))}
+    return sorted(keys)
