@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from dynmap_cli.arrays import B1, F32
 from dynmap_cli.domain.grid import GridFrame
+
+VARYING_DIFFERENCE = 0.25
+"""A cell varies if its reflectance differs by more than this between two states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,11 +21,11 @@ class Patch:
     Attributes
     ----------
     patch_id : int
-        Number within the sub-map, from 0.
+        Number within the sub-map, from 0; the state seen most often comes first.
     support : int
         How many visits saw this state.
     reflectance : (rows, cols) float32
-        Mean counting-map value of the visits; NaN = unknown.
+        Mean counting-map value of the visits; NaN = unknown, or a cell that another sub-map owns.
     """
 
     patch_id: int
@@ -29,7 +35,7 @@ class Patch:
 
 @dataclass(frozen=True, slots=True)
 class PatchSet:
-    """A sub-map with the states it takes.
+    """A sub-map with the states it takes, at least one.
 
     Attributes
     ----------
@@ -77,3 +83,11 @@ class Visit:
     patch: int | None
     membership: float
     remark: str = ""
+
+
+def cells_that_vary(patches: Sequence[Patch]) -> B1:
+    """(rows, cols) whether the known values of a cell differ between patches."""
+    values = np.stack([patch.reflectance for patch in patches])
+    high = np.where(np.isnan(values), -np.inf, values).max(axis=0)
+    low = np.where(np.isnan(values), np.inf, values).min(axis=0)
+    return np.asarray(high - low > VARYING_DIFFERENCE)

@@ -1,0 +1,220 @@
+"""One local map per observation sequence, laid over one another (paper, 1.3.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from dynmap_cli.arrays import B1, F32, F64, I8, I64
+from dynmap_cli.counting.em import FilterParams, filter_beams
+from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells, surface_cells
+from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame
+from dynmap_cli.domain.scans import ScanLog
+
+_MAX_SHIFT_CELLS, _ALIGN_ROUNDS, _MIN_GAIN_CELLS = 2, 2, 3.0
+_QUARTERS = 4
+_EIGHT = np.ones((3, 3), dtype=bool)
+
+
+@dataclass(frozen=True, slots=True)
+class LocalMaps:
+    """The local maps of one sub-map, one per observation sequence.
+
+    Attributes
+    ----------
+    states : (n, rows, cols) int8
+        OCCUPIED, FREE or UNKNOWN.
+    reflectance : (n, rows, cols) float32
+        Counting-map value m after the EM (Eq. 1.15); NaN = unknown.
+    is_mixed : (n,) bool
+        Whether a state changed while it was watched.
+    """
+
+    states: I8
+    reflectance: F32
+    is_mixed: B1
+
+
+def build_local_maps(
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    sequences: Sequence[I64],
+    evidence: EvidenceParams,
+    filtering: FilterParams,
+    min_cells: int,
+) -> LocalMaps:
+    """Build the local map of each sequence with the EM of the paper's section 1.2, at the given poses.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot.
+    frame : GridFrame
+        The rectangle of the sub-map.
+    sequences : sequence of (n,) int64
+        Scans of each.
+    evidence : EvidenceParams
+    filtering : FilterParams
+    min_cells : int
+        A sequence is mixed if a group of so many cells turns over.
+    """
+    states = np.full((len(sequences), *frame.shape), UNKNOWN, dtype=np.int8)
+    reflectance = np.full((len(sequences), *frame.shape), np.nan, dtype=np.float32)
+    is_mixed = np.zeros(len(sequences), dtype=bool)
+    if not sequences:
+        return LocalMaps(states, reflectance, is_mixed)
+    everything = np.concatenate(sequences)
+    surface = surface_cells(log.select(everything), poses[everything], frame, evidence)
+    rows, cols = surface.cells[:, 0], surface.cells[:, 1]
+    for number, scans in enumerate(sequences):
+        part, part_poses = log.select(scans), poses[scans]
+        total, is_mixed[number] = _watch(part, part_poses, surface, evidence, min_cells)
+        states[number, rows, cols] = total.states()
+        filtered = filter_beams(part, part_poses, frame, filtering)
+        reflectance[number] = filtered.counting_map.reflectance
+    return LocalMaps(states, reflectance, is_mixed)
+
+
+def _watch(
+    log: ScanLog, poses: F64, surface: SurfaceCells, params: EvidenceParams, min_cells: int
+) -> tuple[Evidence, bool]:
+    """Evidence of a sequence, and whether what came before contradicts what came after some moment in it."""
+    bounds = np.linspace(0, log.n_scans, _QUARTERS + 1).astype(int)
+    quarters = []
+    for first, last in pairwise(bounds.tolist()):
+        quarters.append(Evidence(surface, params))
+        quarters[-1].add(log.select(slice(first, last)), poses[first:last])
+    is_mixed = False
+    for cut in range(1, _QUARTERS):
+        before, after = (_sum(part, surface, params).states() for part in (quarters[:cut], quarters[cut:]))
+        turned = np.zeros(surface.frame.shape, dtype=bool)
+        opposite = ((before == OCCUPIED) & (after == FREE)) | ((before == FREE) & (after == OCCUPIED))
+        turned[surface.cells[opposite, 0], surface.cells[opposite, 1]] = True
+        is_mixed |= bool((component_sizes(turned) >= min_cells).any())
+    return _sum(quarters, surface, params), is_mixed
+
+
+def _sum(parts: Sequence[Evidence], surface: SurfaceCells, params: EvidenceParams) -> Evidence:
+    """What several parts have seen together."""
+    total = Evidence(surface, params)
+    for part in parts:
+        total.merge(part)
+    return total
+
+
+def component_labels(cells: B1) -> tuple[I64, int]:
+    """Groups of cells that touch, or that lie one cell apart: (rows, cols) 0 = none, 1...; how many."""
+    grown = ndimage.binary_dilation(cells, structure=_EIGHT)
+    labels, count = ndimage.label(grown, structure=_EIGHT)
+    return np.where(cells, labels, 0).astype(np.int64), int(count)
+
+
+def component_sizes(cells: B1) -> I64:
+    """Number of cells of each group."""
+    labels, count = component_labels(cells)
+    return np.bincount(labels[cells], minlength=count + 1)[1:]
+
+
+def align(maps: LocalMaps) -> LocalMaps:
+    """Shift each map by up to two cells so that it agrees best with the mean of the others.
+
+    Errors of the poses are nearly constant over a visit, so they show as a shift of its map. A map moves
+    only where that makes clearly more cells agree.
+    """
+    signed = np.select([maps.states == OCCUPIED, maps.states == FREE], [1.0, -1.0], 0.0)
+    if signed.shape[0] < 2:
+        return maps
+    shifts = [(0, 0)] * signed.shape[0]
+    total = signed.sum(axis=0)
+    for _ in range(_ALIGN_ROUNDS):
+        for k, grid in enumerate(signed):
+            others = total - shifted(grid, shifts[k], 0.0)
+            shifts[k] = _best_shift(grid, np.sign(others))
+            total = others + shifted(grid, shifts[k], 0.0)
+    states = np.stack([shifted(m, s, UNKNOWN) for m, s in zip(maps.states, shifts, strict=True)])
+    values = np.stack([shifted(m, s, np.nan) for m, s in zip(maps.reflectance, shifts, strict=True)])
+    return LocalMaps(states, values, maps.is_mixed)
+
+
+def _best_shift(signed: F64, others: F64) -> tuple[int, int]:
+    """Rows and columns by which a map (+1 occupied, -1 free, 0 unknown) is best moved."""
+    reach = range(-_MAX_SHIFT_CELLS, _MAX_SHIFT_CELLS + 1)
+    candidates = sorted(((row, col) for row in reach for col in reach), key=lambda s: math.hypot(*s))
+    best, best_score = (0, 0), -math.inf
+    for shift in candidates:
+        score = float((shifted(signed, shift, 0.0) * others).sum())
+        if score > best_score + (_MIN_GAIN_CELLS if best_score > -math.inf else 0.0):
+            best, best_score = shift, score
+    return best
+
+
+def shifted(grid: npt.NDArray[Any], shift: tuple[int, int], fill: float) -> npt.NDArray[Any]:
+    """Move the content of a grid up by some rows and right by some columns; what comes in has the value *fill*."""
+    rows, cols = shift
+    moved = np.full_like(grid, fill)
+    height, width = grid.shape
+    to_row, to_col = max(rows, 0), max(cols, 0)
+    from_row, from_col = max(-rows, 0), max(-cols, 0)
+    n_rows, n_cols = max(height - abs(rows), 0), max(width - abs(cols), 0)
+    moved[to_row : to_row + n_rows, to_col : to_col + n_cols] = grid[
+        from_row : from_row + n_rows, from_col : from_col + n_cols
+    ]
+    return moved
+
+
+@dataclass(frozen=True, slots=True)
+class Vectors:
+    """Local maps as vectors over the cells that vary.
+
+    Attributes
+    ----------
+    values : (n, n_cells) float64
+        1 occupied, 0 free, NaN = unknown (xi of Eq. 1.18).
+    component : (n_cells,) int64
+        Which group of touching cells each cell belongs to, from 0.
+    n_components : int
+    """
+
+    values: F64
+    component: I64
+    n_components: int
+
+
+def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -> Vectors:
+    """Keep the cells that some maps saw occupied and others free.
+
+    Both in at least max(2, 6 % of n) maps; with fewer than twelve maps one is enough, or rare states vanish.
+    Mixed maps do not count. Groups are left out that have fewer than *min_cells* cells, or lie where
+    segmentation saw no contradiction.
+
+    Parameters
+    ----------
+    maps : LocalMaps
+    owned, contested : (rows, cols) bool
+        Of the sub-map.
+    min_cells : int
+    """
+    pure = maps.states[~maps.is_mixed]
+    count = pure.shape[0]
+    least = 1 if count < 12 else max(2, math.ceil(0.06 * count))
+    occupied, free = (pure == OCCUPIED).sum(axis=0), (pure == FREE).sum(axis=0)
+    labels, n_labels = component_labels((occupied >= least) & (free >= least) & owned)
+    cells = labels > 0
+    sizes = np.bincount(labels[cells], minlength=n_labels + 1)
+    near_contested = ndimage.binary_dilation(contested, structure=_EIGHT, iterations=_MAX_SHIFT_CELLS)
+    touching = np.bincount(labels[cells & near_contested], minlength=n_labels + 1)
+    kept = (sizes >= min_cells) & (touching > 0)
+    cells &= kept[labels]
+    _, component = np.unique(labels[cells], return_inverse=True)
+    states = maps.states[:, cells]
+    values = np.where(states == UNKNOWN, np.nan, states.astype(np.float64))
+    return Vectors(values, component.astype(np.int64), int(kept[1:].sum()))

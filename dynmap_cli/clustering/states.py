@@ -1,0 +1,198 @@
+"""The states of one sub-map: from its observation sequences to patches and visits (paper, 1.3.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I64
+from dynmap_cli.clustering.local_maps import (
+    LocalMaps,
+    Vectors,
+    align,
+    build_local_maps,
+    varying_vectors,
+)
+from dynmap_cli.clustering.model_selection import assign, choose_clusters, largest_contradiction
+from dynmap_cli.clustering.sequences import SequenceParams, cut_sequences
+from dynmap_cli.clustering.staying import stay_probability
+from dynmap_cli.counting.em import FilterParams
+from dynmap_cli.counting.evidence import EvidenceParams
+from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.submaps import SubMap
+
+TOO_LITTLE, MIXED, NO_STATE = "saw too little", "mixed", "fits no state"
+
+
+@dataclass(frozen=True, slots=True)
+class StateParams:
+    """How states are learned.
+
+    Attributes
+    ----------
+    sequences : SequenceParams
+    evidence : EvidenceParams
+    filtering : FilterParams
+    min_known_share : float
+        A visit that knows less of the varying cells founds no state.
+    max_states : int
+    min_cells : int
+        A change of fewer cells is no change.
+    """
+
+    sequences: SequenceParams
+    evidence: EvidenceParams
+    filtering: FilterParams
+    min_known_share: float
+    max_states: int
+    min_cells: int
+
+
+@dataclass(frozen=True, slots=True)
+class Labels:
+    """Which state each visit saw.
+
+    Attributes
+    ----------
+    patch : (n,) int64
+        -1 = none.
+    membership : (n,) float64
+    remarks : tuple of str
+        Why there is none.
+    """
+
+    patch: I64
+    membership: F64
+    remarks: tuple[str, ...]
+
+
+def learn_states(
+    log: ScanLog, poses: F64, submap: SubMap, params: StateParams
+) -> tuple[PatchSet | None, tuple[Visit, ...]]:
+    """Learn the patches of a sub-map.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot.
+    submap : SubMap
+    params : StateParams
+
+    Returns
+    -------
+    PatchSet or None
+        None where no visit saw enough.
+    tuple of Visit
+        One per observation sequence, in time order.
+    """
+    sequences = cut_sequences(log, poses, submap.frame, params.sequences)
+    maps = align(
+        build_local_maps(
+            log, poses, submap.frame, sequences, params.evidence, params.filtering, params.min_cells
+        )
+    )
+    vectors = varying_vectors(maps, submap.owned, submap.contested, params.min_cells)
+    labels = label_visits(vectors, maps.is_mixed, params)
+    visits = tuple(
+        _visit(log, submap.submap_id, number, scans, labels) for number, scans in enumerate(sequences)
+    )
+    if not (labels.patch >= 0).any():
+        return None, visits
+    patches = tuple(
+        Patch(k, int((labels.patch == k).sum()), _mean_map(maps, labels, k, submap.owned))
+        for k in range(int(labels.patch.max()) + 1)
+    )
+    stay = stay_probability(visits, len(patches))
+    return PatchSet(submap.submap_id, submap.frame, cells_that_vary(patches), patches, stay), visits
+
+
+def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
+    """Cluster the visits that know enough, then assign the others where they leave no doubt.
+
+    States are numbered by the number of visits that founded them, the most frequent first.
+    """
+    count, n_cells = vectors.values.shape
+    known_share = (~np.isnan(vectors.values)).sum(axis=1) / max(n_cells, 1)
+    patch, membership = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
+    remarks = np.where(is_mixed, MIXED, "").astype(object)
+    if n_cells == 0:
+        patch[~is_mixed], membership[~is_mixed] = 0, 1.0
+        return Labels(patch, membership, tuple(remarks))
+    founds = ~is_mixed & (known_share >= params.min_known_share)
+    remarks[~is_mixed & ~founds] = TOO_LITTLE
+    if not founds.any():
+        return Labels(patch, membership, tuple(remarks))
+    founders = Vectors(vectors.values[founds], vectors.component, vectors.n_components)
+    clusters = choose_clusters(founders, params.max_states, params.min_cells).clusters
+    chosen = clusters.memberships.argmax(axis=1)
+    order = np.argsort(-np.bincount(chosen, minlength=clusters.count), kind="stable")
+    rank = np.argsort(order, kind="stable")
+    for visit, k, share in zip(np.flatnonzero(founds), chosen, clusters.memberships.max(axis=1), strict=True):
+        if largest_contradiction(vectors.values[visit], clusters.centers[k], vectors) >= params.min_cells:
+            remarks[visit] = NO_STATE
+        else:
+            patch[visit], membership[visit] = rank[k], share
+    late = np.flatnonzero(remarks == TOO_LITTLE)
+    found, share = assign(
+        Vectors(vectors.values[late], vectors.component, vectors.n_components), clusters, params.min_cells
+    )
+    for visit, k, certainty in zip(late[found >= 0], found[found >= 0], share[found >= 0], strict=True):
+        patch[visit], membership[visit], remarks[visit] = rank[k], certainty, ""
+    return _renumbered(Labels(patch, membership, tuple(remarks)))
+
+
+def _renumbered(labels: Labels) -> Labels:
+    """States without a visit are left out, so that numbers have no holes."""
+    used = np.unique(labels.patch[labels.patch >= 0])
+    patch = np.where(labels.patch >= 0, np.searchsorted(used, labels.patch), -1)
+    return Labels(patch.astype(np.int64), labels.membership, labels.remarks)
+
+
+def _mean_map(maps: LocalMaps, labels: Labels, k: int, owned: B1) -> F32:
+    """Mean reflectance of the visits that saw state *k*, weighted with their memberships; NaN where unknown."""
+    members = labels.patch == k
+    values = maps.reflectance[members].astype(np.float64)
+    weights = labels.membership[members][:, None, None] * ~np.isnan(values)
+    total = weights.sum(axis=0)
+    mean = np.full(total.shape, np.nan)
+    np.divide((weights * np.nan_to_num(values)).sum(axis=0), total, out=mean, where=(total > 0) & owned)
+    return np.clip(mean, 0.0, 1.0).astype(np.float32)
+
+
+def _visit(log: ScanLog, submap_id: int, number: int, scans: I64, labels: Labels) -> Visit:
+    """One row of the table of visits."""
+    has_patch = labels.patch[number] >= 0
+    return Visit(
+        submap_id=submap_id,
+        sequence=number,
+        recording=log.recordings[int(log.recording_index[scans[0]])],
+        start_ns=int(log.stamps_ns[scans[0]]),
+        end_ns=int(log.stamps_ns[scans[-1]]),
+        patch=int(labels.patch[number]) if has_patch else None,
+        membership=float(labels.membership[number]) if has_patch else math.nan,
+        remark=labels.remarks[number],
+    )
+
+
+def describe(patch_sets: Sequence[PatchSet], visits: Sequence[Visit]) -> list[str]:
+    """Say what was found, a sentence per sub-map."""
+    by_id = {patch_set.submap_id: patch_set for patch_set in patch_sets}
+    lines = []
+    for number in sorted({visit.submap_id for visit in visits} | set(by_id)):
+        own = [visit for visit in visits if visit.submap_id == number]
+        patches = by_id[number].patches if number in by_id else ()
+        supports = ", ".join(str(patch.support) for patch in patches)
+        open_ones = [visit.remark for visit in own if visit.patch is None]
+        counts = [
+            f"{open_ones.count(why)} {why}" for why in (TOO_LITTLE, MIXED, NO_STATE) if why in open_ones
+        ]
+        head = f"{len(patches)} state{'s' * (len(patches) != 1)} in {len(own)} visit{'s' * (len(own) != 1)}"
+        lines.append(
+            f"sub-map {number}: " + ", ".join([head + (f" ({supports})" if supports else ""), *counts])
+        )
+    return lines

@@ -1,0 +1,263 @@
+"""patches/patches.zip: manifest.json, one PGM and one .npy per patch, sequences.csv.
+
+The .npy holds the reflectance (float32, row 0 has the lowest y, NaN unknown); the PGM is a picture of it,
+first row on top, 0 occupied, 205 unknown, 254 free. sequences.csv has one row per visit; why a visit has no
+patch stands in the manifest, under "unassigned". A sub-map whose states nobody saw has no patches.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from dynmap_cli.arrays import F32
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.atomic import replacing
+from dynmap_cli.files.manifest import FORMAT_VERSION
+from dynmap_cli.files.trajectory import format_stamp, parse_stamp
+
+_COLUMNS = ("submap", "sequence", "log", "start_s", "end_s", "patch", "membership")
+_OCCUPIED_REFLECTANCE, _FREE_REFLECTANCE = 0.2, 0.1
+_MAX_CELLS = 100_000_000
+_MAX_TEXT_BYTES = 500_000_000
+_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def write_patches(
+    path: Path, submaps: Sequence[SubMap], patch_sets: Iterable[PatchSet], visits: Sequence[Visit]
+) -> None:
+    """Write the archive; the same content gives the same bytes.
+
+    Parameters
+    ----------
+    path : Path
+    submaps : sequence of SubMap
+    patch_sets : iterable of PatchSet
+        Of those sub-maps whose states were seen.
+    visits : sequence of Visit
+        Of all sub-maps.
+    """
+    by_id = {patch_set.submap_id: patch_set for patch_set in patch_sets}
+    content = {
+        "format_version": FORMAT_VERSION,
+        "resolution_m": submaps[0].frame.resolution_m if submaps else None,
+        "submaps": [_entry(submap, by_id.get(submap.submap_id), visits) for submap in submaps],
+    }
+    with replacing(path) as part, zipfile.ZipFile(part, "w") as archive:
+        _add(archive, "manifest.json", (json.dumps(content, indent=2) + "\n").encode())
+        for number in sorted(by_id):
+            for patch in by_id[number].patches:
+                pgm, npy = _names(number, patch.patch_id)
+                _add(archive, pgm, _pgm_bytes(patch.reflectance))
+                _add(archive, npy, _npy_bytes(patch.reflectance))
+        _add(archive, "sequences.csv", _csv_bytes(visits))
+
+
+def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) -> dict[str, Any]:
+    """What the manifest says of a sub-map."""
+    patches = patch_set.patches if patch_set else ()
+    names = [_names(submap.submap_id, patch.patch_id) for patch in patches]
+    frame = submap.frame
+    return {
+        "id": submap.submap_id,
+        "origin_m": [round(frame.origin_x_m, 9), round(frame.origin_y_m, 9)],
+        "size_cells": [frame.cols, frame.rows],
+        "area_m2": round(submap.area_m2, 9),
+        "stay_probability": patch_set.stay_probability if patch_set else None,
+        "patches": [
+            {"id": patch.patch_id, "support": patch.support, "pgm": pgm, "npy": npy}
+            for patch, (pgm, npy) in zip(patches, names, strict=True)
+        ],
+        "unassigned": {
+            str(visit.sequence): visit.remark
+            for visit in visits
+            if visit.submap_id == submap.submap_id and visit.patch is None
+        },
+    }
+
+
+def _names(submap_id: int, patch_id: int) -> tuple[str, str]:
+    """Names of picture and values in the archive."""
+    stem = f"submap_{submap_id:03d}/patch_{patch_id}"
+    return f"{stem}.pgm", f"{stem}.npy"
+
+
+def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+    """Store a member with nothing of the machine or the hour in it."""
+    info = zipfile.ZipInfo(name, _DATE)
+    info.compress_type = zipfile.ZIP_DEFLATED
+    info.create_system = 3
+    info.external_attr = 0o644 << 16
+    archive.writestr(info, content)
+
+
+def _pgm_bytes(reflectance: F32) -> bytes:
+    """Picture of a patch."""
+    grey = np.full(reflectance.shape, 205, dtype=np.uint8)
+    grey[reflectance >= _OCCUPIED_REFLECTANCE] = 0
+    grey[reflectance < _FREE_REFLECTANCE] = 254
+    stream = io.BytesIO()
+    Image.fromarray(np.flipud(grey)).save(stream, format="PPM")
+    return stream.getvalue()
+
+
+def _npy_bytes(reflectance: F32) -> bytes:
+    """Values of a patch."""
+    stream = io.BytesIO()
+    np.save(stream, np.ascontiguousarray(reflectance, dtype="<f4"), allow_pickle=False)
+    return stream.getvalue()
+
+
+def _csv_bytes(visits: Sequence[Visit]) -> bytes:
+    """Table of the visits; patch and membership are empty where no state was recognised."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for visit in visits:
+        writer.writerow(
+            [
+                visit.submap_id,
+                visit.sequence,
+                visit.recording,
+                format_stamp(visit.start_ns),
+                format_stamp(visit.end_ns),
+                "" if visit.patch is None else visit.patch,
+                "" if visit.patch is None else f"{visit.membership:.6f}",
+            ]
+        )
+    return stream.getvalue().encode()
+
+
+def read_patches(path: Path) -> tuple[PatchSet, ...]:
+    """Read the sub-maps whose states were learned.
+
+    Raises
+    ------
+    ArtifactError
+        If the archive is missing, damaged, absurdly large or of another format version.
+    """
+    with _Reader(path) as reader:
+        content = reader.manifest()
+        resolution = content["resolution_m"]
+        return tuple(
+            _patch_set(reader, entry, resolution) for entry in content["submaps"] if entry["patches"]
+        )
+
+
+def read_visits(path: Path) -> tuple[Visit, ...]:
+    """Read the visits of all sub-maps, as `write_patches` was given them."""
+    with _Reader(path) as reader:
+        content = reader.manifest()
+        remarks = {
+            (int(entry["id"]), int(sequence)): str(remark)
+            for entry in content["submaps"]
+            for sequence, remark in entry.get("unassigned", {}).items()
+        }
+        rows = csv.DictReader(io.StringIO(reader.member("sequences.csv", _MAX_TEXT_BYTES).decode("utf-8")))
+        return tuple(_visit(row, remarks) for row in rows)
+
+
+def _visit(row: dict[str, str], remarks: dict[tuple[int, int], str]) -> Visit:
+    """One row of sequences.csv."""
+    submap_id, sequence = int(row["submap"]), int(row["sequence"])
+    return Visit(
+        submap_id=submap_id,
+        sequence=sequence,
+        recording=row["log"],
+        start_ns=parse_stamp(row["start_s"]),
+        end_ns=parse_stamp(row["end_s"]),
+        patch=int(row["patch"]) if row["patch"] else None,
+        membership=float(row["membership"]) if row["patch"] else math.nan,
+        remark=remarks.get((submap_id, sequence), ""),
+    )
+
+
+def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> PatchSet:
+    """One sub-map of the manifest with its patches."""
+    cols, rows = (int(size) for size in entry["size_cells"])
+    stay, resolution = float(entry["stay_probability"]), float(resolution_m)
+    if min(cols, rows) < 1 or cols * rows > _MAX_CELLS:
+        msg = f"sub-map {entry['id']} of {cols} x {rows} cells"
+        raise ValueError(msg)
+    if not (0.0 <= stay <= 1.0 and 0.0 < resolution < math.inf):
+        msg = f"stay_probability {stay}, resolution_m {resolution}"
+        raise ValueError(msg)
+    origin_x, origin_y = (float(value) for value in entry["origin_m"])
+    patches = tuple(
+        Patch(int(patch["id"]), int(patch["support"]), reader.values(str(patch["npy"]), (rows, cols)))
+        for patch in entry["patches"]
+    )
+    frame = GridFrame(resolution, origin_x, origin_y, rows, cols)
+    return PatchSet(int(entry["id"]), frame, cells_that_vary(patches), patches, stay)
+
+
+class _Reader:
+    """An open archive; whatever is wrong with it becomes one line."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> _Reader:
+        try:
+            self._archive = zipfile.ZipFile(self._path)
+        except (OSError, zipfile.BadZipFile) as err:
+            msg = f"{self._path}: not a readable patch archive ({err}). Run `dynmap cluster` again with --force."
+            raise ArtifactError(msg) from err
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        self._archive.close()
+        damage = (KeyError, TypeError, ValueError, AttributeError, EOFError, OSError, RuntimeError)
+        if isinstance(error, (zipfile.BadZipFile, zlib.error, *damage)):
+            msg = f"{self._path}: damaged patch archive ({error}). Run `dynmap cluster` again with --force."
+            raise ArtifactError(msg) from error
+
+    def member(self, name: str, max_bytes: int) -> bytes:
+        """Content of a member, read in memory and nowhere else, so that its name cannot lead out of the archive."""
+        info = self._archive.getinfo(name)
+        if info.file_size > max_bytes:
+            msg = f"{name} unpacks to {info.file_size} bytes, at most {max_bytes} are allowed"
+            raise ValueError(msg)
+        with self._archive.open(info) as stream:
+            return stream.read(max_bytes)
+
+    def manifest(self) -> dict[str, Any]:
+        """The manifest, of this format version."""
+        content = json.loads(self.member("manifest.json", _MAX_TEXT_BYTES))
+        found = content.get("format_version")
+        if found != FORMAT_VERSION:
+            msg = (
+                f"{self._path}: written in format version {found}, this dynmap reads version {FORMAT_VERSION}. "
+                "Run `dynmap cluster` again with --force, or use the dynmap that wrote it."
+            )
+            raise ArtifactError(msg)
+        return dict(content)
+
+    def values(self, name: str, shape: tuple[int, int]) -> F32:
+        """Reflectance of a patch, in [0, 1] or NaN."""
+        stream = io.BytesIO(self.member(name, 4 * shape[0] * shape[1] + 4096))
+        if np.lib.format.read_magic(stream) != (1, 0):
+            msg = f"{name} is not a .npy file of version 1.0"
+            raise ValueError(msg)
+        found, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        if found != shape or is_fortran or dtype != np.dtype("<f4"):
+            msg = f"{name} is {dtype} {found}, not float32 {shape} in rows"
+            raise ValueError(msg)
+        values = np.frombuffer(stream.read(), dtype="<f4").reshape(shape)
+        if not bool((np.isnan(values) | ((values >= 0.0) & (values <= 1.0))).all()):
+            msg = f"{name} has values outside 0 to 1"
+            raise ValueError(msg)
+        return np.array(values, dtype=np.float32)
