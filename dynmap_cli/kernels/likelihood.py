@@ -1,0 +1,156 @@
+"""Likelihood fields and surfaces: what a scan says about many poses, and which surfaces its beams cross."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32, U8
+from dynmap_cli.kernels.jit import kernel
+
+
+@kernel
+def field_log_likelihoods(
+    pool: F32,
+    rows: int,
+    cols: int,
+    poses_cells: F64,
+    ends_cells: F32,
+    windows: I32,
+    index: I32,
+    out: F64,
+) -> None:
+    """Write the sum over all beams of the field's value at the beam's end, for each pose.
+
+    The first rows * cols numbers of the pool are the field of the whole map, whose outermost cells hold
+    the value of everything outside; behind them lie the fields of the patches. A pose reads ends inside
+    its own window from its own patch, all others from the map.
+
+    Parameters
+    ----------
+    pool : (n,) float32
+        Logarithm of the likelihood of an end in each cell; row-major fields, one after another.
+    rows, cols : int
+        Size of the map's field.
+    poses_cells : (n_poses, 3) float64
+        Column and row coordinate of the robot in the map's field, in cells, and yaw in radians.
+    ends_cells : (2, n_beams) float32
+        x and y of the ends in the robot frame, in cells.
+    windows : (n_poses, 5) int32
+        First row, first column, rows and columns of each pose's patch, and where its field starts in the
+        pool; rows 0 = none.
+    index : (n_beams,) int32
+        Scratch.
+    out : (n_poses,) float64
+        Sums.
+    """
+    n_beams = ends_cells.shape[1]
+    fours = n_beams // 4 * 4
+    width, zero = np.int32(cols), np.float32(0.0)
+    last_col, last_row = np.float32(cols - 1), np.float32(rows - 1)
+    for pose in range(poses_cells.shape[0]):
+        x0, y0 = np.float32(poses_cells[pose, 0]), np.float32(poses_cells[pose, 1])
+        cos, sin = np.float32(math.cos(poses_cells[pose, 2])), np.float32(math.sin(poses_cells[pose, 2]))
+        patch_rows, patch_cols = windows[pose, 2], windows[pose, 3]
+        if patch_rows == 0:
+            for beam in range(n_beams):
+                x = x0 + cos * ends_cells[0, beam] - sin * ends_cells[1, beam]
+                y = y0 + sin * ends_cells[0, beam] + cos * ends_cells[1, beam]
+                row = np.int32(min(max(y, zero), last_row))
+                index[beam] = row * width + np.int32(min(max(x, zero), last_col))
+        else:
+            first_row, first_col, start = windows[pose, 0], windows[pose, 1], windows[pose, 4]
+            for beam in range(n_beams):
+                x = x0 + cos * ends_cells[0, beam] - sin * ends_cells[1, beam]
+                y = y0 + sin * ends_cells[0, beam] + cos * ends_cells[1, beam]
+                row = np.int32(min(max(y, zero), last_row))
+                col = np.int32(min(max(x, zero), last_col))
+                own_row, own_col = np.int32(row - first_row), np.int32(col - first_col)
+                inside = (own_row >= 0) & (own_row < patch_rows) & (own_col >= 0) & (own_col < patch_cols)
+                own = np.int32(start + own_row * patch_cols + own_col)
+                index[beam] = own if inside else np.int32(row * width + col)
+        sum_0 = sum_1 = sum_2 = sum_3 = 0.0
+        for beam in range(0, fours, 4):
+            sum_0 += pool[np.uint32(index[beam])]
+            sum_1 += pool[np.uint32(index[beam + 1])]
+            sum_2 += pool[np.uint32(index[beam + 2])]
+            sum_3 += pool[np.uint32(index[beam + 3])]
+        for beam in range(fours, n_beams):
+            sum_0 += pool[np.uint32(index[beam])]
+        out[pose] = (sum_0 + sum_1) + (sum_2 + sum_3)
+
+
+@kernel
+def first_crossings(
+    surfaces: U8,
+    x_cells: float,
+    y_cells: float,
+    directions_rad: F64,
+    lengths_cells: F64,
+    least_sine: float,
+    out: F64,
+) -> None:
+    """Write where each beam enters a grid and where it first crosses a surface in it.
+
+    A beam that slides along a surface crosses nothing: only cells whose surface it meets at an angle
+    with a sine of at least *least_sine* count.
+
+    Parameters
+    ----------
+    surfaces : (rows, cols) uint8
+        0 = nothing solid, 1 to 180 = solid, direction of the surface in degrees plus one,
+        255 = solid from all sides.
+    x_cells, y_cells : float
+        The sensor, in cells of this grid (may lie outside).
+    directions_rad : (n,) float64
+        Direction of each beam in the map frame.
+    lengths_cells : (n,) float64
+        How far each beam is followed, cells; finite.
+    least_sine : float
+    out : (n, 2) float64
+        Distance at which the beam enters the grid, and the cell with its first crossing; cells,
+        +inf where it does not within its length.
+    """
+    rows, cols = surfaces.shape
+    for beam in range(directions_rad.size):
+        out[beam, 0] = math.inf
+        out[beam, 1] = math.inf
+        dx, dy = math.cos(directions_rad[beam]), math.sin(directions_rad[beam])
+        enter, leave = 0.0, lengths_cells[beam]
+        if dx != 0.0:
+            a, b = -x_cells / dx, (cols - x_cells) / dx
+            enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
+        elif not 0.0 <= x_cells < cols:
+            continue
+        if dy != 0.0:
+            a, b = -y_cells / dy, (rows - y_cells) / dy
+            enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
+        elif not 0.0 <= y_cells < rows:
+            continue
+        if enter >= leave:
+            continue
+        out[beam, 0] = enter
+        col = min(max(int(math.floor(x_cells + dx * enter)), 0), cols - 1)
+        row = min(max(int(math.floor(y_cells + dy * enter)), 0), rows - 1)
+        step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+        delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+        delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+        next_x = ((col + (dx > 0)) - x_cells) / dx if dx != 0.0 else math.inf
+        next_y = ((row + (dy > 0)) - y_cells) / dy if dy != 0.0 else math.inf
+        at = enter
+        while at < leave and 0 <= col < cols and 0 <= row < rows:
+            code = surfaces[row, col]
+            if code != 0:
+                along = math.radians(code - 1.0)
+                if code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine:
+                    out[beam, 1] = at
+                    break
+            if next_x < next_y:
+                col += step_col
+                at = next_x
+                next_x += delta_x
+            else:
+                row += step_row
+                at = next_y
+                next_y += delta_y

@@ -1,0 +1,159 @@
+"""Where on earth: an exhaustive lattice of poses under the first scans, and particles drawn from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.domain.poses import between, compose, wrap_angle
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.particle_filter import Particles, estimate_pose, make_particles
+from dynmap_cli.localization.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.settings import LocalizationSettings
+
+START_BEAMS = 60
+LEAST_RETURNS = 10
+CANDIDATES = 200_000
+APART_M, APART_RAD = 0.5, math.radians(20.0)
+"""Scans closer together than this say the same thing twice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Poses of the lattice that the first scan leaves possible.
+
+    Attributes
+    ----------
+    poses : (n, 3) float64
+        map_from_robot at the first scan.
+    scores : (n,) float64
+        Tempered log-likelihood.
+    """
+
+    poses: F64
+    scores: F64
+
+
+def is_usable(log: ScanLog, scan: int, settings: LocalizationSettings) -> bool:
+    """Whether a scan has enough returns to say where it was made."""
+    sweep = sweep_of(log, scan, settings.laser_max_range)
+    return int(np.isfinite(sweep.ranges_m).sum()) >= LEAST_RETURNS
+
+
+def global_start(
+    log: ScanLog,
+    scan: int,
+    pool: MapPool,
+    settings: LocalizationSettings,
+    random: np.random.Generator,
+    executor: ThreadPoolExecutor,
+) -> Particles:
+    """Particles at the pose of a scan, drawn from a lattice over all free cells and all yaws.
+
+    The lattice sees the union of all states. Where one scan is ambiguous, later ones are put in by
+    odometry until the draw has one mode.
+    """
+    candidates = lattice_candidates(log, scan, pool, settings, executor)
+    particles = draw_start(candidates, settings, random)
+    for later in _later_scans(log, scan, settings):
+        if estimate_pose(particles).is_one_mode:
+            break
+        step = between(log.odometry[scan], log.odometry[later])
+        scores = candidates.scores + _scores(log, later, compose(candidates.poses, step), pool, settings)
+        candidates = Candidates(candidates.poses, scores)
+        particles = draw_start(candidates, settings, random)
+    return particles
+
+
+def lattice_candidates(
+    log: ScanLog, scan: int, pool: MapPool, settings: LocalizationSettings, executor: ThreadPoolExecutor
+) -> Candidates:
+    """Weigh every pose of the lattice under one scan and keep the best."""
+    points = lattice_points(pool, settings.start_pitch_m)
+    n_yaws = max(round(360.0 / settings.start_pitch_deg), 1)
+    yaws = wrap_angle(2.0 * np.pi / n_yaws * np.arange(n_yaws, dtype=np.float64))
+
+    def weigh(yaw: float) -> F64:
+        poses = np.column_stack([points, np.full(points.shape[0], yaw)])
+        return _scores(log, scan, poses, pool, settings)
+
+    scores = np.stack(list(executor.map(weigh, yaws.tolist())))
+    flat = scores.ravel()
+    kept = np.arange(flat.size)
+    if flat.size > CANDIDATES:
+        kept = np.sort(np.argpartition(flat, flat.size - CANDIDATES)[-CANDIDATES:])
+    yaw_index, point_index = np.divmod(kept, points.shape[0])
+    return Candidates(np.column_stack([points[point_index], yaws[yaw_index]]), flat[kept])
+
+
+def lattice_points(pool: MapPool, pitch_m: float) -> F64:
+    """(n, 2) free points of a square lattice over the map.
+
+    Raises
+    ------
+    ArtifactError
+        If the map has no free cell.
+    """
+    frame = pool.frame
+    cells = max(round(pitch_m / frame.resolution_m), 1)
+    free = pool.free[cells // 2 :: cells, cells // 2 :: cells]
+    if not bool(free.any()):
+        if bool(pool.free.any()):
+            return frame.to_points(np.argwhere(pool.free))
+        msg = "the map has no free cell, so there is nowhere to look for the robot. Check its thresholds."
+        raise ArtifactError(msg)
+    return frame.to_points(np.argwhere(free) * cells + cells // 2)
+
+
+def draw_start(
+    candidates: Candidates, settings: LocalizationSettings, random: np.random.Generator
+) -> Particles:
+    """Draw `max_particles` from the lattice by likelihood, each somewhere in its cell of the lattice."""
+    weights = np.exp(candidates.scores - candidates.scores.max())
+    sums = np.cumsum(weights)
+    count = settings.max_particles
+    teeth = (np.arange(count) + random.random()) / count * sums[-1]
+    drawn = np.minimum(np.searchsorted(sums, teeth, side="right"), weights.size - 1)
+    size = np.array([settings.start_pitch_m, settings.start_pitch_m, math.radians(settings.start_pitch_deg)])
+    poses = candidates.poses[drawn] + (random.random((count, 3)) - 0.5) * size
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return make_particles(poses)
+
+
+def given_start(pose: F64, settings: LocalizationSettings, random: np.random.Generator) -> Particles:
+    """Particles around a pose that somebody gave."""
+    sigma = np.array([settings.start_sigma_m, settings.start_sigma_m, settings.start_sigma_rad])
+    poses = pose + sigma * random.standard_normal((settings.max_particles, 3))
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return make_particles(poses)
+
+
+def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[int]:
+    """Usable scans of the same recording, apart from each other, that odometry links to a scan."""
+    linked = log.has_odometry & (log.recording_index == log.recording_index[scan])
+    if not linked[scan]:
+        return
+    previous, found = scan, 1
+    for later in range(scan + 1, log.n_scans):
+        if found >= settings.start_scans:
+            return
+        if not linked[later]:
+            continue
+        step = between(log.odometry[previous], log.odometry[later])
+        is_apart = math.hypot(step[0], step[1]) >= APART_M or abs(step[2]) >= APART_RAD
+        if is_apart and is_usable(log, later, settings):
+            previous, found = later, found + 1
+            yield later
+
+
+def _scores(log: ScanLog, scan: int, poses: F64, pool: MapPool, settings: LocalizationSettings) -> F64:
+    """Tempered log-likelihood of a scan from each pose, in the blunt field of all states."""
+    ends = pose_ends(sweep_of(log, scan, settings.laser_max_range), START_BEAMS)
+    return temper(ends.shape[0], settings) * scan_log_likelihoods(pool.start_field, pool.frame, poses, ends)

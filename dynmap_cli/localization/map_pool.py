@@ -1,0 +1,337 @@
+"""The maps as the filter sees them: likelihood fields of map and patches in one pool, and surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
+from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.localization.sensor import end_log_likelihood
+from dynmap_cli.localization.settings import LocalizationSettings
+
+SOLID_REFLECTANCE = 0.4
+"""Cells of a patch that reflect at least this share of the beams are solid, as in segmentation."""
+EXPLAINED_M = 0.2
+"""An end this close to something in the map is explained by it."""
+FROM_ALL_SIDES = 255
+
+
+@dataclass(frozen=True, slots=True)
+class SubMapStates:
+    """A sub-map with what its states look like.
+
+    Attributes
+    ----------
+    submap_id : int
+    patch_ids : tuple of int
+        Of each state.
+    row, col : int
+        Lower left cell of the rectangle in the pool's frame.
+    frame : GridFrame
+        The rectangle.
+    owned : (rows, cols) bool
+        Cells that belong to no earlier sub-map; where rectangles overlap the first one has them.
+    field_start : (n_states,) int64
+        Where the field of each state starts in the pool.
+    likelihoods : (n_states, rows, cols) float32
+        The fields, not as logarithms, for mixing.
+    explained : (n_states, rows, cols) bool
+        Cells within `EXPLAINED_M` of something in the map in that state.
+    surfaces : (n_states, rows, cols) uint8
+        What blocks beams in each state, see `surface_codes`.
+    stay_probability : float
+        Probability that the state is the same one minute later.
+    """
+
+    submap_id: int
+    patch_ids: tuple[int, ...]
+    row: int
+    col: int
+    frame: GridFrame
+    owned: B1
+    field_start: I64
+    likelihoods: F32
+    explained: B1
+    surfaces: U8
+    stay_probability: float
+
+    @property
+    def n_states(self) -> int:
+        """How many states are known."""
+        return len(self.patch_ids)
+
+    @property
+    def rectangle_m(self) -> tuple[float, float, float, float]:
+        """Lowest x, lowest y, highest x, highest y in the map frame."""
+        x, y, size = self.frame.origin_x_m, self.frame.origin_y_m, self.frame.resolution_m
+        return x, y, x + self.frame.cols * size, y + self.frame.rows * size
+
+    def cells_of(self, points_m: F64) -> tuple[I64, B1]:
+        """Cell of the rectangle of each point (n, 2), clipped to it, and which points lie in an own cell."""
+        cells = self.frame.to_cells(points_m)
+        last = np.array(self.frame.shape) - 1
+        clipped = np.clip(cells, 0, last)
+        inside = (cells == clipped).all(axis=1) & self.owned[clipped[:, 0], clipped[:, 1]]
+        return clipped, np.asarray(inside)
+
+    def windows(self) -> I32:
+        """(n_states, 5) int32 rows for `field_log_likelihoods`."""
+        rows = [
+            [self.row, self.col, self.frame.rows, self.frame.cols, int(start)] for start in self.field_start
+        ]
+        return np.array(rows, dtype=np.int32).reshape(-1, 5)
+
+
+@dataclass(frozen=True, slots=True)
+class MapPool:
+    """All maps of a place.
+
+    Attributes
+    ----------
+    frame : GridFrame
+        Of the whole map, with a border of one unknown cell.
+    pool : (n,) float32
+        Log-likelihood of an end in each cell: the field of the whole map, then those of all states.
+        Inside the rectangles the first holds the mixture that was painted last.
+    start_field : (rows * cols,) float32
+        A blunter field of the union of all states, for the lattice of a global start.
+    free : (rows, cols) bool
+        Where the robot may be.
+    explained : (rows, cols) bool
+        Cells within `EXPLAINED_M` of the static map.
+    surfaces : (rows, cols) uint8
+        What blocks beams for good: the map without the rectangles.
+    submaps : tuple of SubMapStates
+    """
+
+    frame: GridFrame
+    pool: F32
+    start_field: F32
+    free: B1
+    explained: B1
+    surfaces: U8
+    submaps: tuple[SubMapStates, ...]
+
+    def paint(self, number: int, belief: F64) -> None:
+        """Let the map show the mixture of the states of a sub-map under a belief (n_states,)."""
+        submap = self.submaps[number]
+        field = self.pool[: self.frame.rows * self.frame.cols].reshape(self.frame.shape)
+        window = field[
+            submap.row : submap.row + submap.frame.rows, submap.col : submap.col + submap.frame.cols
+        ]
+        mixture = np.tensordot(belief, submap.likelihoods, axes=1)
+        window[submap.owned] = np.log(mixture)[submap.owned].astype(np.float32)
+
+
+def make_map_pool(
+    grid: OccupancyGrid, patch_sets: Sequence[PatchSet], settings: LocalizationSettings
+) -> MapPool:
+    """Lay out the fields of a map and of its patches.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The whole map; its cells count outside the rectangles of the patch sets.
+    patch_sets : sequence of PatchSet
+        Sets without a patch are left out: the map says all that is known there.
+    settings : LocalizationSettings
+    """
+    sets = [patch_set for patch_set in patch_sets if patch_set.patches]
+    frame = _common_frame(grid.frame, sets)
+    cells = _placed(grid, frame)
+    owner = _owners(frame, sets)
+    static = (cells == OCCUPIED) & (owner < 0)
+    solid = [_solid_states(patch_set, cells, frame) for patch_set in sets]
+    union = _union(static, owner, sets, solid, frame)
+    distance = _distance_m(static, frame.resolution_m)
+    start = frame.rows * frame.cols
+    submaps, fields = [], [end_log_likelihood(distance, settings.sigma_hit, settings).ravel()]
+    for number, patch_set in enumerate(sets):
+        submap, own_fields = _submap_states(
+            patch_set, solid[number], union, owner, number, frame, start, settings
+        )
+        submaps.append(submap)
+        fields.append(own_fields.ravel())
+        start += own_fields.size
+    if start >= 2**31:
+        msg = f"the map has {start} cells; at most {2**31 - 1} fit. Build it with a larger map.resolution_m."
+        raise ArtifactError(msg)
+    blunt = max(settings.sigma_hit, settings.start_pitch_m)
+    pool = MapPool(
+        frame=frame,
+        pool=np.concatenate(fields),
+        start_field=end_log_likelihood(_distance_m(union, frame.resolution_m), blunt, settings).ravel(),
+        free=(cells == FREE) | ((owner >= 0) & ~union),
+        explained=distance <= EXPLAINED_M,
+        surfaces=surface_codes(static),
+        submaps=tuple(submaps),
+    )
+    for number, submap in enumerate(pool.submaps):
+        pool.paint(number, np.full(submap.n_states, 1.0 / submap.n_states))
+    return pool
+
+
+def surface_codes(solid: B1) -> U8:
+    """Direction of the surface through each solid cell, from the solid cells of the 5 x 5 around it.
+
+    Returns
+    -------
+    (rows, cols) uint8
+        0 = not solid; 1 to 180 = direction of the surface in degrees plus one; `FROM_ALL_SIDES` where
+        the cells around form no line.
+    """
+    rows, cols = np.nonzero(solid)
+    padded = np.pad(solid, 2)
+    offsets = np.arange(-2, 3)
+    dy, dx = (axis.ravel().astype(np.float64) for axis in np.meshgrid(offsets, offsets, indexing="ij"))
+    around = np.stack(
+        [padded[rows + 2 + int(a), cols + 2 + int(b)] for a, b in zip(dy, dx, strict=True)], axis=-1
+    ).astype(np.float64)
+    count = np.maximum(around.sum(axis=1), 1.0)
+    mean_x, mean_y = around @ dx / count, around @ dy / count
+    xx = around @ dx**2 / count - mean_x**2
+    yy = around @ dy**2 / count - mean_y**2
+    xy = around @ (dx * dy) / count - mean_x * mean_y
+    angle_deg = np.degrees(0.5 * np.arctan2(2.0 * xy, xx - yy)) % 180.0
+    elongation = np.hypot(xx - yy, 2.0 * xy) / np.maximum(xx + yy, 1e-9)
+    codes = np.zeros(solid.shape, dtype=np.uint8)
+    is_line = (count >= 3) & (elongation >= 0.5)
+    codes[rows, cols] = np.where(is_line, np.minimum(angle_deg, 179.0).astype(np.int64) + 1, FROM_ALL_SIDES)
+    return codes
+
+
+def _common_frame(frame: GridFrame, sets: Sequence[PatchSet]) -> GridFrame:
+    """Smallest frame on the cells of the map that holds the map, all rectangles and a border of one cell."""
+    row0, col0, row1, col1 = 0, 0, frame.rows, frame.cols
+    for patch_set in sets:
+        row, col = _place(patch_set.frame, frame)
+        row0, col0 = min(row0, row), min(col0, col)
+        row1, col1 = max(row1, row + patch_set.frame.rows), max(col1, col + patch_set.frame.cols)
+    return frame.window(row0 - 1, col0 - 1, row1 - row0 + 2, col1 - col0 + 2)
+
+
+def _place(inner: GridFrame, outer: GridFrame) -> tuple[int, int]:
+    """Row and column of a rectangle's lower left cell in the frame of the map."""
+    row = (inner.origin_y_m - outer.origin_y_m) / outer.resolution_m
+    col = (inner.origin_x_m - outer.origin_x_m) / outer.resolution_m
+    aligned = max(abs(row - round(row)), abs(col - round(col))) < 0.01
+    if not aligned or abs(inner.resolution_m - outer.resolution_m) > 1e-6:
+        msg = (
+            f"patches lie on other cells ({inner.resolution_m:g} m at {inner.origin_x_m:g}, "
+            f"{inner.origin_y_m:g}) than the map ({outer.resolution_m:g} m). "
+            "Run `dynmap segment` and `dynmap cluster` again."
+        )
+        raise ArtifactError(msg)
+    return round(row), round(col)
+
+
+def _placed(grid: OccupancyGrid, frame: GridFrame) -> np.ndarray[tuple[int, ...], np.dtype[np.int8]]:
+    """The cells of the map in the larger frame."""
+    cells = np.full(frame.shape, UNKNOWN, dtype=np.int8)
+    row, col = _place(grid.frame, frame)
+    cells[row : row + grid.frame.rows, col : col + grid.frame.cols] = grid.cells
+    return cells
+
+
+def _slices(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
+    """Where a rectangle lies in the frame of the map."""
+    row, col = _place(inner, outer)
+    return slice(row, row + inner.rows), slice(col, col + inner.cols)
+
+
+def _owners(frame: GridFrame, sets: Sequence[PatchSet]) -> I32:
+    """Index of the patch set that each cell belongs to, -1 = none."""
+    owner = np.full(frame.shape, -1, dtype=np.int32)
+    for number in range(len(sets) - 1, -1, -1):
+        owner[_slices(sets[number].frame, frame)] = number
+    return owner
+
+
+def _solid_states(
+    patch_set: PatchSet, cells: np.ndarray[tuple[int, ...], np.dtype[np.int8]], frame: GridFrame
+) -> B1:
+    """(n_states, rows, cols) what is solid in each state.
+
+    A cell that a state leaves open is taken from the mean of the other states, and from the map where
+    no state knows it: what is not known must not tell states apart.
+    """
+    values = np.stack([patch.reflectance for patch in patch_set.patches]).astype(np.float64)
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    mean = np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1)
+    fallback = np.where(count > 0, mean, cells[_slices(patch_set.frame, frame)] == OCCUPIED)
+    return np.asarray(np.where(known, values, fallback) >= SOLID_REFLECTANCE)
+
+
+def _union(static: B1, owner: I32, sets: Sequence[PatchSet], solid: Sequence[B1], frame: GridFrame) -> B1:
+    """What is solid in the static map or in any state."""
+    union = static.copy()
+    for number, patch_set in enumerate(sets):
+        place = _slices(patch_set.frame, frame)
+        union[place] |= solid[number].any(axis=0) & (owner[place] == number)
+    return union
+
+
+def _distance_m(solid: B1, resolution_m: float) -> F64:
+    """Distance of each cell from the nearest solid one."""
+    if not bool(solid.any()):
+        return np.full(solid.shape, np.inf)
+    return np.asarray(ndimage.distance_transform_edt(~solid) * resolution_m)
+
+
+def _submap_states(
+    patch_set: PatchSet,
+    solid: B1,
+    union: B1,
+    owner: I32,
+    number: int,
+    frame: GridFrame,
+    start: int,
+    settings: LocalizationSettings,
+) -> tuple[SubMapStates, F32]:
+    """Fields and surfaces of the states of one sub-map.
+
+    Around the rectangle the states see the static map and the union of the other sub-maps' states.
+    """
+    row, col = _place(patch_set.frame, frame)
+    reach = int(np.ceil(settings.laser_likelihood_max_dist / frame.resolution_m)) + 1
+    top, left = max(row - reach, 0), max(col - reach, 0)
+    around = (
+        slice(top, row + patch_set.frame.rows + reach),
+        slice(left, col + patch_set.frame.cols + reach),
+    )
+    inner = (
+        slice(row - top, row - top + patch_set.frame.rows),
+        slice(col - left, col - left + patch_set.frame.cols),
+    )
+    owned = owner[_slices(patch_set.frame, frame)] == number
+    distances, surfaces = [], []
+    for state in solid:
+        world = union[around].copy()
+        window = world[inner]
+        window[owned] = state[owned]
+        distances.append(_distance_m(world, frame.resolution_m)[inner])
+        surfaces.append(np.where(owned, surface_codes(world)[inner], 0))
+    distance = np.stack(distances)
+    fields = end_log_likelihood(distance, settings.sigma_hit, settings)
+    n_cells = patch_set.frame.rows * patch_set.frame.cols
+    submap = SubMapStates(
+        submap_id=patch_set.submap_id,
+        patch_ids=tuple(patch.patch_id for patch in patch_set.patches),
+        row=row,
+        col=col,
+        frame=patch_set.frame,
+        owned=owned,
+        field_start=start + n_cells * np.arange(len(patch_set.patches), dtype=np.int64),
+        likelihoods=np.exp(fields),
+        explained=distance <= EXPLAINED_M,
+        surfaces=np.stack(surfaces).astype(np.uint8),
+        stay_probability=patch_set.stay_probability,
+    )
+    return submap, fields

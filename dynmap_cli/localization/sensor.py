@@ -1,0 +1,137 @@
+"""The sensor model: a likelihood field, tempered because neighbouring beams err together."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.likelihood import field_log_likelihoods
+from dynmap_cli.localization.settings import LocalizationSettings
+
+POSES_PER_CHUNK = 50_000
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """The beams of one scan, seen from the robot.
+
+    Attributes
+    ----------
+    sensor : (2,) float64
+        Position of the sensor in the robot frame, metres.
+    directions_rad : (n,) float64
+        Direction of each beam in the robot frame.
+    ranges_m : (n,) float64
+        Distances; +inf = nothing within reach.
+    reach_m : float
+        How far the sensor sees.
+    """
+
+    sensor: F64
+    directions_rad: F64
+    ranges_m: F64
+    reach_m: float
+
+    @property
+    def ends_m(self) -> F64:
+        """(n, 2) end points in the robot frame; not finite where nothing was hit."""
+        directions = np.stack([np.cos(self.directions_rad), np.sin(self.directions_rad)], axis=-1)
+        return np.asarray(self.sensor + self.ranges_m[:, None] * directions)
+
+
+def sweep_of(log: ScanLog, scan: int, max_range_m: float) -> Sweep:
+    """Take the beams of a scan that measured something; ends beyond *max_range_m* are left out."""
+    geometry = int(log.geometry_index[scan])
+    ranges = np.asarray(log.ranges_m[scan], dtype=np.float64)
+    bearings = log.bearings_rad[geometry]
+    x, y, yaw = log.sensor_poses[geometry]
+    usable = np.isfinite(bearings) & ((ranges <= max_range_m) | np.isposinf(ranges))
+    reach = min(float(log.range_limits_m[geometry, 1]), max_range_m)
+    return Sweep(np.array([x, y]), bearings[usable] + yaw, ranges[usable], reach)
+
+
+def pose_ends(sweep: Sweep, max_beams: int) -> F64:
+    """(n, 2) ends of at most *max_beams* beams with a return, evenly spread, in the robot frame."""
+    ends = sweep.ends_m[np.isfinite(sweep.ranges_m)]
+    if ends.shape[0] > max_beams:
+        ends = ends[np.round(np.linspace(0, ends.shape[0] - 1, max_beams)).astype(np.int64)]
+    return ends
+
+
+def end_log_likelihood(distance_m: F64 | F32, sigma_m: float, settings: LocalizationSettings) -> F32:
+    """Logarithm of the likelihood of an end at this distance from the map (likelihood field of AMCL)."""
+    distance = np.minimum(distance_m, settings.laser_likelihood_max_dist)
+    hit = settings.z_hit * np.exp(-0.5 * (distance / sigma_m) ** 2)
+    return np.log(hit + settings.z_rand / settings.laser_max_range).astype(np.float32)
+
+
+def best_log_likelihood(settings: LocalizationSettings) -> float:
+    """The value of an end exactly on the map."""
+    return math.log(settings.z_hit + settings.z_rand / settings.laser_max_range)
+
+
+def least_log_likelihood(settings: LocalizationSettings) -> float:
+    """The value of an end far from the map, or of a beam that passed through something solid."""
+    return math.log(settings.z_rand / settings.laser_max_range)
+
+
+def temper(n_beams: int, settings: LocalizationSettings) -> float:
+    """Exponent under which the product over *n_beams* is worth `independent_beams`."""
+    return min(1.0, settings.independent_beams / max(n_beams, 1))
+
+
+def scan_log_likelihoods(
+    pool: F32,
+    frame: GridFrame,
+    poses: F64,
+    ends_m: F64,
+    windows: I32 | None = None,
+    executor: ThreadPoolExecutor | None = None,
+) -> F64:
+    """Sum of the field's values at the ends of a scan, for each pose.
+
+    Parameters
+    ----------
+    pool : (n,) float32
+        Fields of the map and of the patches, see `MapPool`.
+    frame : GridFrame
+        Of the map's field.
+    poses : (n_poses, 3) float64
+        map_from_robot.
+    ends_m : (n_beams, 2) float64
+        In the robot frame.
+    windows : (n_poses, 5) int32, optional
+        The patch each pose reads from; none = all read from the map.
+    executor : ThreadPoolExecutor, optional
+        Shares long lists of poses among threads.
+
+    Returns
+    -------
+    (n_poses,) float64
+    """
+    n_poses = poses.shape[0]
+    cells = np.empty((n_poses, 3))
+    cells[:, 0] = (poses[:, 0] - frame.origin_x_m) / frame.resolution_m
+    cells[:, 1] = (poses[:, 1] - frame.origin_y_m) / frame.resolution_m
+    cells[:, 2] = poses[:, 2]
+    ends = np.ascontiguousarray((ends_m / frame.resolution_m).T.astype(np.float32))
+    chosen = np.zeros((n_poses, 5), dtype=np.int32) if windows is None else windows
+    out = np.empty(n_poses)
+
+    def weigh(part: slice) -> None:
+        index = np.empty(ends.shape[1], dtype=np.int32)
+        field_log_likelihoods(pool, frame.rows, frame.cols, cells[part], ends, chosen[part], index, out[part])
+
+    chunks = [slice(k, k + POSES_PER_CHUNK) for k in range(0, n_poses, POSES_PER_CHUNK)]
+    if executor is None or len(chunks) == 1:
+        for chunk in chunks:
+            weigh(chunk)
+    else:
+        list(executor.map(weigh, chunks))
+    return out

@@ -1,0 +1,129 @@
+"""What a scan says about the states of sub-maps, and the belief in them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F64
+from dynmap_cli.domain.poses import transform_points
+from dynmap_cli.kernels.likelihood import first_crossings
+from dynmap_cli.localization.map_pool import MapPool, SubMapStates
+from dynmap_cli.localization.sensor import Sweep, best_log_likelihood, least_log_likelihood
+from dynmap_cli.localization.settings import LocalizationSettings
+
+LEAST_SINE = math.sin(math.radians(20.0))
+"""A beam that meets a surface at less than 20 degrees slides along it and proves nothing."""
+BEYOND_M = 0.3
+"""A beam passed through a surface if it ends at least this far behind it."""
+LEAST_BEAMS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class StateEvidence:
+    """What one scan from one pose says about the states of one sub-map.
+
+    Attributes
+    ----------
+    at_ends : (n_states,) float64
+        Log-likelihood of the ends inside the rectangle.
+    through : (n_states,) float64
+        What has to be added because beams went through what is solid in a state.
+    n_beams : int
+        Beams that reach the rectangle.
+    """
+
+    at_ends: F64
+    through: F64
+    n_beams: int
+
+    @property
+    def log_likelihoods(self) -> F64:
+        """(n_states,) ends and crossings together."""
+        return np.asarray(self.at_ends + self.through)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedSweep:
+    """The beams of a scan in the map frame.
+
+    Attributes
+    ----------
+    sensor_m : (2,) float64
+    directions_rad : (n,) float64
+    lengths_m : (n,) float64
+        How far each beam is known to have gone: to its end, or to the sensor's reach.
+    ends_m : (n, 2) float64
+        Ends; where nothing was hit, the end of the known length.
+    hits : (n,) bool
+        Whether something was hit.
+    """
+
+    sensor_m: F64
+    directions_rad: F64
+    lengths_m: F64
+    ends_m: F64
+    hits: B1
+
+
+def place_sweep(sweep: Sweep, pose: F64) -> PlacedSweep:
+    """Put the beams of a scan where the robot is."""
+    hits = np.isfinite(sweep.ranges_m)
+    lengths = np.where(hits, sweep.ranges_m, sweep.reach_m)
+    sensor = transform_points(pose, sweep.sensor)
+    directions = sweep.directions_rad + pose[2]
+    ends = sensor + lengths[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    return PlacedSweep(sensor, directions, lengths, ends, hits)
+
+
+def state_evidence(
+    placed: PlacedSweep, pool: MapPool, submap: SubMapStates, settings: LocalizationSettings
+) -> StateEvidence:
+    """Compare the states of a sub-map under one scan.
+
+    A likelihood field alone cannot see that a door opened, because nothing explains a scan better than
+    an empty patch does. So a beam that went through something solid gets the value of an end far from
+    everything, instead of that of its end (inside) or of an end on the map (behind the rectangle).
+    """
+    size = pool.frame.resolution_m
+    n_beams, n_states = placed.lengths_m.size, submap.n_states
+    x, y = (placed.sensor_m - (submap.frame.origin_x_m, submap.frame.origin_y_m)) / size
+    crossings = np.empty((n_states, n_beams, 2))
+    for state in range(n_states):
+        first_crossings(
+            submap.surfaces[state],
+            float(x),
+            float(y),
+            placed.directions_rad,
+            placed.lengths_m / size,
+            LEAST_SINE,
+            crossings[state],
+        )
+    reaches = crossings[0, :, 0] * size <= settings.view_m
+    cells, inside = submap.cells_of(placed.ends_m)
+    inside &= placed.hits
+    best, least = best_log_likelihood(settings), least_log_likelihood(settings)
+    ends = np.full((n_states, n_beams), best)
+    ends[:, inside] = np.log(submap.likelihoods[:, cells[inside, 0], cells[inside, 1]])
+    passed = crossings[:, :, 1] * size + BEYOND_M <= placed.lengths_m
+    return StateEvidence(
+        at_ends=ends[:, inside & reaches].sum(axis=1),
+        through=np.where(passed & reaches, least - ends, 0.0).sum(axis=1),
+        n_beams=int(reaches.sum()),
+    )
+
+
+def update_belief(belief: F64, log_likelihoods: F64) -> F64:
+    """Bayes: belief (n_states,) times likelihoods given as logarithms, normalized."""
+    with np.errstate(divide="ignore"):
+        logs = np.log(belief) + log_likelihoods
+    weights = np.exp(logs - logs.max())
+    return np.asarray(weights / weights.sum())
+
+
+def entropy_bits(belief: F64) -> float:
+    """Uncertainty of a belief, bits."""
+    known = belief[belief > 0.0]
+    return float(-(known * np.log2(known)).sum()) + 0.0

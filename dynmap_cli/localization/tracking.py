@@ -1,0 +1,399 @@
+"""The filter of Eq. 1.24 along a recording: pose, states of the sub-maps in view, and health of every update."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.domain.poses import Trajectory, between, compose, inverse
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.errors import LogError
+from dynmap_cli.localization.global_start import given_start, global_start, is_usable
+from dynmap_cli.localization.health import NovelPlaces, ScanHealth, Verdict, scan_health
+from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.motion import Motion, sample_motion
+from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
+from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.states import (
+    LEAST_BEAMS,
+    PlacedSweep,
+    StateEvidence,
+    entropy_bits,
+    place_sweep,
+    state_evidence,
+    update_belief,
+)
+from dynmap_cli.localization.transitions import (
+    nearest_submaps,
+    predict_belief,
+    same_probability,
+    sample_states,
+)
+from dynmap_cli.progress import Tick, no_tick
+
+_log = logging.getLogger(__name__)
+
+LONGEST_PREDICTION_S = 1.0
+WIDEST_SPREAD_M = 0.5
+"""States are learned only while the particles agree this well on a place."""
+REPAINT_ABOVE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class StateRow:
+    """Belief in the states of one sub-map after one scan.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    submap : int
+        Index in the pool.
+    belief : (n_states,) float64
+    """
+
+    stamp_ns: int
+    submap: int
+    belief: F64
+
+
+@dataclass(frozen=True, slots=True)
+class HealthRow:
+    """How one update went.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    health : ScanHealth
+    log_likelihood_per_beam : float
+        Of the ends at the best pose.
+    effective_particles : float
+    patch_entropy_bits : float
+        Of the states of all sub-maps in view, added up.
+    verdict : str
+        tracking, changed or lost.
+    """
+
+    stamp_ns: int
+    health: ScanHealth
+    log_likelihood_per_beam: float
+    effective_particles: float
+    patch_entropy_bits: float
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True)
+class Localization:
+    """Where the robot was and what the world looked like.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        One pose per scan.
+    states : list of StateRow
+    health : list of HealthRow
+        One per update.
+    clouds : list of (stamp_ns, Particles)
+        Weighted particles of every update; empty unless they are asked for.
+    """
+
+    trajectory: Trajectory
+    states: list[StateRow]
+    health: list[HealthRow]
+    clouds: list[tuple[int, Particles]]
+
+
+def localize_log(
+    log: ScanLog,
+    pool: MapPool,
+    settings: LocalizationSettings,
+    *,
+    seed: int,
+    threads: int = 1,
+    tick: Tick = no_tick,
+) -> Localization:
+    """Track pose and states through all recordings of a log.
+
+    Every recording starts anew, the first one at the given pose if there is one: between two recordings
+    a robot may have been carried anywhere. What was learned about states is kept, and grows old.
+
+    Raises
+    ------
+    LogError
+        If no scan has enough returns.
+    """
+    poses = np.full((log.n_scans, 3), np.nan)
+    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [])
+    random = np.random.default_rng(seed)
+    world = World(pool)
+    with ThreadPoolExecutor(max_workers=max(threads, 1)) as executor:
+        for scans in _recordings(log):
+            first = next((scan for scan in scans.tolist() if is_usable(log, scan, settings)), None)
+            if first is None:
+                _log.warning("%s: no scan has enough returns", log.recordings[log.recording_index[scans[0]]])
+                continue
+            if settings.start is not None and scans[0] == 0:
+                particles = given_start(np.array(settings.start), settings, random)
+            else:
+                particles = global_start(log, first, pool, settings, random, executor)
+            _Tracker(log, pool, settings, random, executor, world, result).run(scans, first, particles, tick)
+    if log.n_scans and not bool(np.isfinite(poses).any()):
+        msg = (
+            f"{', '.join(log.recordings)}: no scan has enough returns to be localized. Check the laser topic."
+        )
+        raise LogError(msg)
+    _fill_gaps(poses)
+    return result
+
+
+class World:
+    """Belief in the state of every sub-map, and when it was last looked at."""
+
+    def __init__(self, pool: MapPool) -> None:
+        self._pool = pool
+        self._beliefs = [np.full(submap.n_states, 1.0 / submap.n_states) for submap in pool.submaps]
+        self._painted = list(self._beliefs)
+        self._stamps_ns: list[int | None] = [None] * len(pool.submaps)
+
+    def belief(self, number: int, stamp_ns: int) -> F64:
+        """Belief (n_states,) at some time, without looking."""
+        last = self._stamps_ns[number]
+        if last is None:
+            return self._beliefs[number]
+        seconds = max(stamp_ns - last, 0) * 1e-9
+        return predict_belief(self._beliefs[number], same_probability(self._pool.submaps[number], seconds))
+
+    def learn(self, number: int, stamp_ns: int, belief: F64) -> None:
+        """Note the belief after looking."""
+        self._beliefs[number], self._stamps_ns[number] = belief, stamp_ns
+
+    def show(self, numbers: list[int], stamp_ns: int) -> None:
+        """Paint what is believed of some sub-maps into the map."""
+        for number in numbers:
+            belief = self.belief(number, stamp_ns)
+            if np.abs(belief - self._painted[number]).max() > REPAINT_ABOVE:
+                self._pool.paint(number, belief)
+                self._painted[number] = belief
+
+    def likeliest(self, numbers: list[int], stamp_ns: int) -> dict[int, int]:
+        """Index of the likeliest state of some sub-maps."""
+        return {number: int(np.argmax(self.belief(number, stamp_ns))) for number in numbers}
+
+    def near(self, point_m: F64, within_m: float) -> list[int]:
+        """Indices of the sub-maps whose rectangle is within reach of a point."""
+        found = []
+        for number, submap in enumerate(self._pool.submaps):
+            x0, y0, x1, y1 = submap.rectangle_m
+            dx = max(x0 - point_m[0], point_m[0] - x1, 0.0)
+            dy = max(y0 - point_m[1], point_m[1] - y1, 0.0)
+            if dx * dx + dy * dy <= within_m * within_m:
+                found.append(number)
+        return found
+
+
+class _Tracker:
+    """The filter on one recording."""
+
+    def __init__(
+        self,
+        log: ScanLog,
+        pool: MapPool,
+        settings: LocalizationSettings,
+        random: np.random.Generator,
+        executor: ThreadPoolExecutor,
+        world: World,
+        result: Localization,
+    ) -> None:
+        self._log, self._pool, self._settings = log, pool, settings
+        self._random, self._executor, self._world, self._result = random, executor, world, result
+        self._windows = _window_table(pool)
+        self._novel, self._verdict = NovelPlaces(pool.frame), Verdict()
+        self._velocity = np.zeros(3)
+
+    def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
+        """Go through the scans of the recording; those before the first usable one are put in at the end."""
+        poses = self._result.trajectory.poses
+        updated = first
+        for scan in range(first, int(scans[-1]) + 1):
+            motion = self._motion(updated, scan)
+            if scan == first or self._is_due(updated, scan, motion):
+                particles = self._update(updated, scan, motion, particles)
+                updated = scan
+            else:
+                poses[scan] = compose(poses[updated], motion.step)
+            tick()
+        for scan in range(first - 1, int(scans[0]) - 1, -1):
+            poses[scan] = compose(poses[first], inverse(self._motion(scan, first).step))
+            tick()
+
+    def _motion(self, start: int, end: int) -> Motion:
+        """From odometry where both scans have it, else as before."""
+        odometry = self._log.odometry
+        if bool(np.isfinite(odometry[start]).all() and np.isfinite(odometry[end]).all()):
+            return Motion(between(odometry[start], odometry[end]), measured=True)
+        seconds = (self._log.stamps_ns[end] - self._log.stamps_ns[start]) * 1e-9
+        return Motion(self._velocity * min(float(seconds), LONGEST_PREDICTION_S), measured=False)
+
+    def _is_due(self, updated: int, scan: int, motion: Motion) -> bool:
+        """Whether a scan is weighed: after some way, turn or time; without odometry always."""
+        if not is_usable(self._log, scan, self._settings):
+            return False
+        settings = self._settings
+        seconds = (self._log.stamps_ns[scan] - self._log.stamps_ns[updated]) * 1e-9
+        return (
+            not motion.measured
+            or float(np.hypot(motion.step[0], motion.step[1])) >= settings.update_min_d
+            or abs(float(motion.step[2])) >= settings.update_min_a
+            or float(seconds) >= settings.update_max_s
+        )
+
+    def _update(self, updated: int, scan: int, motion: Motion, particles: Particles) -> Particles:
+        """Predict, weigh, learn the states in view, judge, resample."""
+        settings, stamp = self._settings, int(self._log.stamps_ns[scan])
+        seconds = (stamp - int(self._log.stamps_ns[updated])) * 1e-9
+        sweep = sweep_of(self._log, scan, settings.laser_max_range)
+        ends = pose_ends(sweep, settings.max_beams)
+        if scan != updated:
+            particles = replace(
+                particles, poses=sample_motion(particles.poses, motion, settings, self._random)
+            )
+        if settings.states == "sampled":
+            particles = self._draw_states(particles, seconds)
+        particles = self._weigh(particles, ends, stamp)
+        estimate = estimate_pose(particles)
+        placed = place_sweep(sweep, estimate.pose)
+        in_view: list[StateRow] = []
+        if estimate.is_one_mode and estimate.spread_m <= WIDEST_SPREAD_M:
+            particles, in_view = self._learn_states(particles, placed, stamp)
+            if settings.states == "sampled" and in_view:
+                estimate = estimate_pose(particles)
+        self._remember(scan, updated, seconds, sweep, ends, particles, estimate, in_view)
+        if particles.effective < particles.count / 2:
+            particles = resample(particles, settings, self._random)
+        return particles
+
+    def _draw_states(self, particles: Particles, seconds: float) -> Particles:
+        """Let every particle keep or change the state of its sub-map."""
+        submaps = nearest_submaps(particles.poses[:, :2], self._pool.submaps, self._settings.near_m)
+        states = sample_states(
+            particles.submaps, particles.states, submaps, self._pool.submaps, seconds, self._random
+        )
+        return replace(particles, submaps=submaps, states=states)
+
+    def _weigh(self, particles: Particles, ends: F64, stamp: int) -> Particles:
+        """Weigh every particle by the scan, in the map as it is believed to be."""
+        windows = None
+        if self._settings.states == "sampled":
+            windows = self._windows[particles.submaps, particles.states]
+        else:
+            reach = self._settings.laser_max_range
+            middle = particles.weights @ particles.poses[:, :2]
+            self._world.show(self._world.near(middle, reach), stamp)
+        log_likelihoods = scan_log_likelihoods(
+            self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
+        )
+        return reweigh(particles, temper(ends.shape[0], self._settings) * log_likelihoods)
+
+    def _learn_states(
+        self, particles: Particles, placed: PlacedSweep, stamp: int
+    ) -> tuple[Particles, list[StateRow]]:
+        """Weigh the states of all sub-maps in view by the scan at the best pose."""
+        exponent = temper(placed.lengths_m.size, self._settings)
+        rows = []
+        for number in self._world.near(placed.sensor_m, self._settings.view_m):
+            evidence = state_evidence(placed, self._pool, self._pool.submaps[number], self._settings)
+            if evidence.n_beams < LEAST_BEAMS:
+                continue
+            if self._settings.states == "sampled":
+                particles, belief = _weigh_states(particles, number, evidence, exponent)
+            else:
+                prior = self._world.belief(number, stamp)
+                belief = update_belief(prior, exponent * evidence.log_likelihoods)
+            if belief is not None:
+                self._world.learn(number, stamp, belief)
+                rows.append(StateRow(stamp, number, belief))
+        return particles, rows
+
+    def _remember(
+        self,
+        scan: int,
+        updated: int,
+        seconds: float,
+        sweep: Sweep,
+        ends: F64,
+        particles: Particles,
+        estimate: Estimate,
+        in_view: list[StateRow],
+    ) -> None:
+        """Keep pose, states and health of an update."""
+        result, stamp = self._result, int(self._log.stamps_ns[scan])
+        poses = result.trajectory.poses
+        poses[scan] = estimate.pose
+        if scan != updated and seconds > 0.0:
+            self._velocity = between(poses[updated], poses[scan]) / seconds
+        likeliest = self._world.likeliest(
+            self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
+        )
+        health = scan_health(
+            place_sweep(sweep, estimate.pose), self._pool, likeliest, self._novel, stamp * 1e-9
+        )
+        total = scan_log_likelihoods(self._pool.pool, self._pool.frame, estimate.pose[None, :], ends)
+        result.states.extend(in_view)
+        result.health.append(
+            HealthRow(
+                stamp_ns=stamp,
+                health=health,
+                log_likelihood_per_beam=float(total[0]) / max(ends.shape[0], 1),
+                effective_particles=particles.effective,
+                patch_entropy_bits=sum(entropy_bits(row.belief) for row in in_view),
+                verdict=self._verdict.judge(health, estimate),
+            )
+        )
+        if self._settings.save_particles:
+            result.clouds.append((stamp, particles))
+
+
+def _weigh_states(
+    particles: Particles, number: int, evidence: StateEvidence, exponent: float
+) -> tuple[Particles, F64 | None]:
+    """Weigh particles in one sub-map by the beams that went through what their state has solid.
+
+    The ends have weighed them already. Returns the particles and the share of each state, or None where
+    less than half of the weight is in the sub-map.
+    """
+    here = particles.submaps == number
+    if float(particles.weights[here].sum()) < 0.5:
+        return particles, None
+    gains = np.zeros(particles.count)
+    gains[here] = exponent * evidence.through[particles.states[here]]
+    weighed = reweigh(particles, gains)
+    shares = np.bincount(weighed.states[here], weights=weighed.weights[here], minlength=evidence.through.size)
+    return weighed, np.asarray(shares / shares.sum())
+
+
+def _window_table(pool: MapPool) -> I32:
+    """(n_submaps + 1, most states + 1, 5): the window of each state; index -1 = none."""
+    most = max((submap.n_states for submap in pool.submaps), default=0)
+    table = np.zeros((len(pool.submaps) + 1, most + 1, 5), dtype=np.int32)
+    for number, submap in enumerate(pool.submaps):
+        table[number, : submap.n_states] = submap.windows()
+    return table
+
+
+def _recordings(log: ScanLog) -> Iterator[I64]:
+    """Scans of each stretch that comes from one recording."""
+    if log.n_scans:
+        cuts = np.flatnonzero(np.diff(log.recording_index)) + 1
+        yield from np.split(np.arange(log.n_scans), cuts)
+
+
+def _fill_gaps(poses: F64) -> None:
+    """Give scans of a recording that could not be localized the nearest known pose."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    for scan in np.flatnonzero(~np.isfinite(poses).all(axis=1)):
+        poses[scan] = poses[known[np.argmin(np.abs(known - scan))]]
