@@ -20,7 +20,19 @@ class IngestSettings(BaseModel):
     laser_pose: tuple[float, float, float] | None = Field(
         None, description="Pose of the laser on the robot, x m, y m, yaw rad; none = from tf or the log."
     )
+    base_frame: str | None = Field(None, description="Frame of the robot in tf; none = found on its own.")
+    odom_frame: str | None = Field(
+        None, description="Frame of the odometry in tf; none = the one with 'odom' in its name."
+    )
     no_return: Literal["auto", "free", "ignore"] = Field(
         "auto",
         description="What a beam without return says: free up to the usable range, nothing, or found per recording.",
+    )
+    max_gap_s: float = Field(
+        60.0,
+        ge=0.0,
+        description="Longest pause, s, after which a further recording still counts as the same drive.",
+    )
+    max_unpacked_gib: float = Field(
+        16.0, gt=0.0, description="Most GiB that one compressed recording may unpack to; guards the disk."
     )

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from dynmap_cli.files.scan_log import SCAN_FILES
+from dynmap_cli.files.scan_log import SCAN_FILES, write_scan_log
 from dynmap_cli.stage import Stage, StageContext
 
 
 def run(context: StageContext) -> dict[str, Any]:
-    """Read, call, write."""
-    raise NotImplementedError(context)
+    """Read the recordings, write the columns of their scans."""
+    from dynmap_cli.ingest.reading import read_recordings
+
+    log, report = read_recordings(context.recordings, context.config.ingest)
+    write_scan_log(context.out_dir, log)
+    return report.summary()
 
 
 STAGE = Stage(

@@ -1,0 +1,219 @@
+"""Recordings of one drive -> one; sweeps of all used lasers -> columns in time order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
+
+_OVERLAP_S = 1.0
+_JUMP_M, _JUMP_M_PER_S = 1.0, 2.0
+_ABSURD_SWEEP = 2.0
+
+
+def join_recordings(recordings: Sequence[RawRecording], max_gap_s: float) -> RawRecording:
+    """Put recordings that continue one another into one, in the order of their first sweep.
+
+    Static transforms of all files serve all of them, since recorders write them into the first file only.
+
+    Raises
+    ------
+    LogError
+        If they do not continue one another.
+    """
+    ordered = sorted(recordings, key=first_stamp_ns)
+    if len(ordered) == 1:
+        return ordered[0]
+    for earlier, later in pairwise(ordered):
+        _check_continues(earlier, later, max_gap_s)
+    joined = RawRecording(", ".join(recording.name for recording in ordered), ordered[0].kind)
+    for number, recording in enumerate(ordered):
+        _append(joined, recording, number)
+    return joined
+
+
+def first_stamp_ns(recording: RawRecording) -> int:
+    """Earliest stamp of any sweep."""
+    return min(min(laser.stamps_ns) for laser in recording.lasers.values())
+
+
+def _last_stamp_ns(recording: RawRecording) -> int:
+    """Latest stamp of any sweep."""
+    return max(max(laser.stamps_ns) for laser in recording.lasers.values())
+
+
+def _check_continues(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> None:
+    """Refuse recordings of different drives or robots."""
+    gap_s = (first_stamp_ns(later) - _last_stamp_ns(earlier)) * 1e-9
+    frames = [
+        {(laser.name, laser.frame) for laser in recording.lasers.values()} for recording in (earlier, later)
+    ]
+    if not frames[0] & frames[1]:
+        found = "they have no laser in common"
+    elif gap_s < -_OVERLAP_S:
+        found = f"they overlap in time by {-gap_s:.1f} s"
+    elif gap_s > max_gap_s:
+        found = f"{gap_s:.0f} s lie between them (at most {max_gap_s:.0f} s, ingest.max_gap_s)"
+    else:
+        return
+    raise not_one_drive(earlier.name, later.name, found)
+
+
+def not_one_drive(earlier: str, later: str, found: str) -> LogError:
+    """One line for recordings that do not continue one another."""
+    return LogError(
+        f"{earlier} and {later}: not parts of one drive, {found}. Recordings with different starts cannot be "
+        "merged yet; build them one by one."
+    )
+
+
+def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
+    """Add the content of one recording."""
+    for name, laser in recording.lasers.items():
+        into = joined.lasers.setdefault(
+            name, RawLaser(name, laser.frame, robot_from_sensor=laser.robot_from_sensor)
+        )
+        into.stamps_ns += laser.stamps_ns
+        into.logged_ns += laser.logged_ns
+        into.ranges_m += laser.ranges_m
+        into.shapes += laser.shapes
+        into.beam_interval_s += laser.beam_interval_s
+        into.recording += [number] * laser.n_scans
+    for name, track in recording.odometry.items():
+        kept = joined.odometry.setdefault(name, RawOdometry(name, track.frame, track.child))
+        kept.stamps_ns += track.stamps_ns
+        kept.poses += track.poses
+    for pair, transform in recording.transforms.items():
+        edge = joined.transforms.setdefault(pair, RawTransform(transform.is_static))
+        edge.stamps_ns += transform.stamps_ns
+        edge.values += transform.values
+    joined.topics += recording.topics
+    joined.dropped += recording.dropped
+    joined.warnings += recording.warnings
+    joined.n_read += recording.n_read
+
+
+@dataclass(slots=True)
+class Columns:
+    """Sweeps of all used lasers in time order, ranges as recorded.
+
+    Attributes
+    ----------
+    stamps_ns : (n,) int64
+    ranges_m : (n, n_beams) float32
+        NaN where a geometry has fewer beams.
+    laser : (n,) int32
+        Which of the used lasers.
+    geometry_index : (n,) int32
+    recording_index : (n,) int32
+    geometries : list of (laser number, ScanShape)
+    beam_interval_s : (n_geometries,) float64
+    """
+
+    stamps_ns: I64
+    ranges_m: F32
+    laser: I32
+    geometry_index: I32
+    recording_index: I32
+    geometries: list[tuple[int, ScanShape]]
+    beam_interval_s: F64
+
+    def keep(self, scans: B1 | slice) -> None:
+        """Forget all other sweeps."""
+        self.stamps_ns = self.stamps_ns[scans]
+        self.ranges_m = self.ranges_m[scans]
+        self.laser = self.laser[scans]
+        self.geometry_index = self.geometry_index[scans]
+        self.recording_index = self.recording_index[scans]
+
+
+def columns_of(lasers: Sequence[RawLaser], dropped: Counter[str]) -> tuple[Columns, int]:
+    """Bring the sweeps of all lasers into time order; second result: how many were stamped before their predecessor."""
+    table: dict[tuple[int, ScanShape], int] = {}
+    stamps, numbers, geometry, recording = [], [], [], []
+    backwards = 0
+    for number, laser in enumerate(lasers):
+        stamps.append(np.array(laser.stamps_ns, dtype=np.int64))
+        backwards += int(np.count_nonzero(np.diff(stamps[-1]) < 0))
+        numbers.append(np.full(laser.n_scans, number, dtype=np.int32))
+        geometry.append([table.setdefault((number, shape), len(table)) for shape in laser.shapes])
+        recording.append(np.array(laser.recording, dtype=np.int32))
+    order = np.argsort(np.concatenate(stamps), kind="stable")
+    geometries = list(table)
+    index = np.concatenate([np.array(part, dtype=np.int32) for part in geometry])[order]
+    columns = Columns(
+        np.concatenate(stamps)[order],
+        _padded([sweep for laser in lasers for sweep in laser.ranges_m], order),
+        np.concatenate(numbers)[order],
+        index,
+        np.concatenate(recording)[order],
+        geometries,
+        _beam_intervals(lasers, geometries),
+    )
+    repeated = _repeated(columns)
+    if repeated.any():
+        dropped["scan that repeats stamp and ranges of another"] += int(repeated.sum())
+        columns.keep(~repeated)
+    return columns, backwards
+
+
+def _padded(sweeps: list[F32], order: I64) -> F32:
+    """Stack sweeps (n, widest) in the given order; missing beams are NaN."""
+    widest = max(sweep.size for sweep in sweeps)
+    result = np.full((len(sweeps), widest), np.nan, dtype=np.float32)
+    for row, number in enumerate(order.tolist()):
+        sweep = sweeps[number]
+        result[row, : sweep.size] = sweep
+    return result
+
+
+def _repeated(columns: Columns) -> B1:
+    """(n,) sweeps that have stamp, geometry and ranges of the one before."""
+    repeated = np.zeros(columns.stamps_ns.size, dtype=bool)
+    for row in np.flatnonzero(np.diff(columns.stamps_ns) == 0) + 1:
+        repeated[row] = columns.geometry_index[row] == columns.geometry_index[row - 1] and np.array_equal(
+            columns.ranges_m[row], columns.ranges_m[row - 1], equal_nan=True
+        )
+    return repeated
+
+
+def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, ScanShape]]) -> F64:
+    """Median time between beams of each geometry; 0 where a sweep would last longer than two sweep periods."""
+    result = np.zeros(len(geometries))
+    for number, laser in enumerate(lasers):
+        period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
+        values: dict[ScanShape, list[float]] = {}
+        for shape, interval_s in zip(laser.shapes, laser.beam_interval_s, strict=True):
+            values.setdefault(shape, []).append(interval_s)
+        for shape, intervals in values.items():
+            interval_s = float(np.median(intervals))
+            if interval_s * shape.n_beams <= _ABSURD_SWEEP * period_s:
+                result[geometries.index((number, shape))] = interval_s
+    return result
+
+
+def period_s_of(stamps_ns: I64) -> float:
+    """Median time between sweeps, seconds; 0 with fewer than two."""
+    return float(np.median(np.abs(np.diff(np.sort(stamps_ns))))) * 1e-9 if stamps_ns.size > 1 else 0.0
+
+
+def check_odometry_continues(
+    names: Sequence[str], recording_index: I32, stamps_ns: I64, odometry: F64
+) -> None:
+    """Refuse recordings between which the odometry jumps: it was restarted, so they have different start poses."""
+    for row in np.flatnonzero(np.diff(recording_index) != 0):
+        step_m = float(np.hypot(*(odometry[row + 1, :2] - odometry[row, :2])))
+        gap_s = float(stamps_ns[row + 1] - stamps_ns[row]) * 1e-9
+        if step_m > _JUMP_M + _JUMP_M_PER_S * gap_s:
+            raise not_one_drive(
+                names[recording_index[row]],
+                names[recording_index[row + 1]],
+                f"the odometry jumps by {step_m:.1f} m between them",
+            )

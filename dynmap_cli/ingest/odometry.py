@@ -1,0 +1,277 @@
+"""Which odometry is used, and the robot pose at each sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dynmap_cli.arrays import F64, I64
+from dynmap_cli.domain.poses import compose, interpolate, inverse
+from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.frames import FrameTree, planar
+from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording
+from dynmap_cli.ingest.settings import IngestSettings
+
+_BASES = ("base_footprint", "base_link", "base")
+_GLOBAL_FRAMES = ("map", "world", "earth", "mocap", "vicon", "optitrack")
+_TRUTH_WORDS = (
+    "ground_truth",
+    "groundtruth",
+    "truth",
+    "mocap",
+    "vicon",
+    "optitrack",
+    "gps",
+    "amcl",
+    "localiz",
+)
+_LEAST_COVER = 0.9
+_LEAST_PATH_M = 0.02
+_MOST_CUT = 0.05
+_NONE_WORDS = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Robot poses at the sweeps.
+
+    Attributes
+    ----------
+    source : str
+        "tf odom -> base_link", a topic, a kind of line, or "none".
+    why : str
+    poses : (n, 3) float64
+        odom_from_robot at each asked time; NaN where unknown.
+    longest_gap_s : float
+        Longest pause of the source itself.
+    rejected : tuple of str
+        Sources that were left out, each with the reason.
+    """
+
+    source: str
+    why: str
+    poses: F64
+    longest_gap_s: float
+    rejected: tuple[str, ...] = ()
+
+
+def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings) -> str:
+    """Name of the robot frame: set, below odometry in tf, child of an odometry topic, by custom, or the fixed root."""
+    sensors = sorted({laser.frame for laser in recording.lasers.values() if laser.frame})
+    if settings.base_frame is not None:
+        return settings.base_frame
+    for sensor in sensors:
+        base = _below_odometry(tree, sensor, settings)
+        if base:
+            return base
+    for track in recording.odometry.values():
+        if track.child and any(tree.path(track.child, sensor) for sensor in sensors):
+            return track.child
+    for sensor in sensors:
+        above = [frame for frame in tree.parents(sensor) if _last(frame) not in _GLOBAL_FRAMES]
+        for custom in _BASES:
+            found = next((frame for frame in above if _last(frame) == custom), None)
+            if found:
+                return found
+        if above:
+            return above[-1]
+    return ""
+
+
+def odom_frame_of(tree: FrameTree, settings: IngestSettings) -> str | None:
+    """The odometry frame in tf: as set, or the one with 'odom' in its name that has a moving child."""
+    if settings.odom_frame is not None:
+        return settings.odom_frame
+    named = [frame for frame in tree.frames if "odom" in _last(frame).lower()]
+    parents = [frame for frame in named if any(parent == frame for parent, _ in tree.edges)]
+    return min(parents, key=lambda frame: (len(frame), frame), default=None)
+
+
+def _below_odometry(tree: FrameTree, sensor: str, settings: IngestSettings) -> str | None:
+    """The frame next to the odometry frame on the way to a sensor."""
+    odom = odom_frame_of(tree, settings)
+    steps = tree.path(odom, sensor) if odom else None
+    return steps[1] if steps and len(steps) > 1 else None
+
+
+def _last(frame: str) -> str:
+    """Frame name without its namespace."""
+    return frame.rsplit("/", 1)[-1]
+
+
+def find_odometry(
+    recording: RawRecording,
+    tree: FrameTree,
+    base: str,
+    lasers: list[RawLaser],
+    stamps_ns: I64,
+    settings: IngestSettings,
+) -> Odometry:
+    """Robot pose at each sweep, from the best source there is.
+
+    tf (odometry frame to robot frame) is taken if it covers the sweeps and moves, else an odometry topic or the
+    pose fields of a text log. Frames and topics of localization or ground truth are never odometry.
+
+    Parameters
+    ----------
+    recording : RawRecording
+    tree : FrameTree
+    base : str
+        Robot frame; "" where there is none.
+    lasers : list of RawLaser
+        The lasers that are used.
+    stamps_ns : (n,) int64
+        Times of the sweeps.
+    settings : IngestSettings
+    """
+    unknown = np.full((stamps_ns.size, 3), np.nan)
+    if settings.odom == _NONE_WORDS:
+        return Odometry("none", "as set", unknown, 0.0)
+    candidates, rejected = _candidates(recording, tree, base, lasers, stamps_ns, settings)
+    if settings.odom is not None:
+        return _as_wished(recording.name, candidates, recording, base, tree, stamps_ns, settings.odom)
+    if not candidates:
+        return Odometry("none", "the recording holds no odometry", unknown, 0.0, tuple(rejected))
+    moving = [found for found in candidates if _path_m(found.poses) >= _LEAST_PATH_M]
+    covering = [found for found in moving if _cover(found.poses) >= _LEAST_COVER]
+    chosen = (covering or moving or candidates)[0]
+    if not covering and moving:
+        chosen = max(moving, key=lambda found: _cover(found.poses))
+    for other in candidates:
+        if other is not chosen:
+            rejected.append(f"{other.source} ({_why_not(other, chosen)})")
+    return Odometry(chosen.source, chosen.why, chosen.poses, chosen.longest_gap_s, tuple(rejected))
+
+
+def _why_not(other: Odometry, chosen: Odometry) -> str:
+    """Why another source comes second."""
+    if _path_m(other.poses) < _LEAST_PATH_M <= _path_m(chosen.poses):
+        return "it stands still"
+    if _cover(other.poses) < min(_LEAST_COVER, _cover(chosen.poses)):
+        return f"it covers {_cover(other.poses):.0%} of the sweeps"
+    return "second choice"
+
+
+def _candidates(
+    recording: RawRecording,
+    tree: FrameTree,
+    base: str,
+    lasers: list[RawLaser],
+    stamps_ns: I64,
+    settings: IngestSettings,
+) -> tuple[list[Odometry], list[str]]:
+    """All sources of odometry, the preferred first, and names of what looks like one but is not."""
+    found: list[Odometry] = []
+    rejected: list[str] = []
+    from_tf = odometry_from_tf(tree, base, stamps_ns, settings)
+    if from_tf is not None:
+        found.append(from_tf)
+    own = {laser.name for laser in lasers}
+    for name, track in sorted(recording.odometry.items(), key=lambda item: (item[0] not in own, item[0])):
+        reason = _is_global(track)
+        if reason:
+            rejected.append(f"{name} ({reason})")
+            continue
+        found.append(_from_track(track, tree, base, stamps_ns))
+    return found, rejected
+
+
+def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: IngestSettings) -> Odometry | None:
+    """Robot poses from the transforms between the odometry frame and the robot frame."""
+    odom = odom_frame_of(tree, settings)
+    steps = tree.path(odom, base) if odom and base else None
+    if not odom or not steps or odom == base:
+        return None
+    if any(_last(frame) in _GLOBAL_FRAMES for frame in steps):
+        return None
+    poses = tree.transform(odom, base, stamps_ns)
+    if poses is None:
+        return None
+    gaps = [
+        float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9
+        for edge in (tree.edge_between(a, b) for a, b in pairwise(steps))
+    ]
+    return Odometry(
+        f"tf {odom} -> {base}", "transforms of the odometry frame", planar(poses), max(gaps, default=0.0)
+    )
+
+
+def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) -> Odometry:
+    """Robot poses from an odometry topic or the pose fields of a text log."""
+    stamps, poses = track.as_arrays()
+    why = "odometry messages" if track.frame else "poses in the lines of the log"
+    if track.child and base and track.child != base:
+        offset = tree.transform(track.child, base, stamps[:1])
+        if offset is not None and np.isfinite(offset).all():
+            poses = compose(poses, planar(offset)[0])
+        else:
+            why = f"odometry messages; '{track.child}' taken to be '{base}'"
+    gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
+    return Odometry(track.name, why, interpolate(stamps, poses, stamps_ns), gap_s)
+
+
+def _is_global(track: RawOdometry) -> str:
+    """Why a pose source is no odometry; "" where it is one."""
+    if _last(track.frame) in _GLOBAL_FRAMES:
+        return f"its poses are in '{track.frame}', a localization rather than odometry"
+    if any(word in track.name.lower() for word in _TRUTH_WORDS):
+        return "named as ground truth or localization"
+    return ""
+
+
+def _as_wished(
+    name: str,
+    candidates: list[Odometry],
+    recording: RawRecording,
+    base: str,
+    tree: FrameTree,
+    stamps_ns: I64,
+    wish: str,
+) -> Odometry:
+    """The source that was asked for."""
+    if wish == "tf":
+        from_tf = next((found for found in candidates if found.source.startswith("tf ")), None)
+        if from_tf is None:
+            frames = ", ".join(tree.frames[:20]) or "none"
+            msg = (
+                f"{name}: tf does not join an odometry frame to the robot; frames here: {frames}. "
+                "Pass --odom TOPIC or none, or set ingest.odom_frame and ingest.base_frame."
+            )
+            raise LogError(msg)
+        return Odometry(from_tf.source, "as set", from_tf.poses, from_tf.longest_gap_s)
+    if wish not in recording.odometry:
+        topics = ", ".join(sorted(recording.odometry)) or "none"
+        msg = (
+            f"{name}: no odometry on '{wish}'; odometry here: {topics}. "
+            "Pass one of these with --odom, or 'tf' or 'none'."
+        )
+        raise LogError(msg)
+    found = _from_track(recording.odometry[wish], tree, base, stamps_ns)
+    return Odometry(found.source, "as set", found.poses, found.longest_gap_s)
+
+
+def _cover(poses: F64) -> float:
+    """Share of sweeps with a pose."""
+    return float(np.isfinite(poses).all(axis=1).mean()) if poses.size else 0.0
+
+
+def _path_m(poses: F64) -> float:
+    """Path length with a radian of turning counted as 0.3 m, so that turning on the spot counts as moving."""
+    known = poses[np.isfinite(poses).all(axis=1)]
+    if known.shape[0] < 2:
+        return 0.0
+    steps = compose(inverse(known[:-1]), known[1:])
+    return float(np.hypot(steps[:, 0], steps[:, 1]).sum() + 0.3 * np.abs(steps[:, 2]).sum())
+
+
+def ends_without_odometry(poses: F64) -> slice:
+    """Sweeps to keep: those before the first and after the last pose go, if they are few (5 %)."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    everything = slice(0, poses.shape[0])
+    if known.size == 0:
+        return everything
+    kept = slice(int(known[0]), int(known[-1]) + 1)
+    cut = poses.shape[0] - (kept.stop - kept.start)
+    return kept if cut <= _MOST_CUT * poses.shape[0] else everything

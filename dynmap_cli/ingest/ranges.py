@@ -1,0 +1,128 @@
+"""What a range value means: REP 117, the codes of old drivers, and what a beam without return says.
+
+REP 117: `min <= r < max` is a return, +inf = nothing within reach, NaN = no measurement, -inf = too close. Drivers
+older than it write range_max or more, 0, or a code of their own (SICK: 81.83 to 81.91 m) where nothing came back.
+In a `ScanLog` +inf says "free up to the usable range" and NaN says nothing.
+
+The policy `auto` decides per laser, from the recording:
+
+1. where +inf occurs the driver keeps to REP 117, and no return means free;
+2. where no return is a number at or beyond the reach, it means free only if real returns come near that reach
+   (the farthest 0.1 % beyond 80 % of it). Otherwise nothing in that place is as far away as the reach, so the beam
+   was absorbed, mirrored away or dazzled, and tracing it as free would erase what it went through: ignored;
+3. zero, negative, -inf, NaN and values below the shortest range never say anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from dynmap_cli.arrays import F32
+
+Policy = Literal["auto", "free", "ignore"]
+
+_CODE_WINDOW, _GAP_WINDOW = 0.99, 0.9
+_CODE_EXCESS = 10
+_LEAST_CODES = 10
+_NEAR_REACH = 0.8
+_FARTHEST_QUANTILE = 0.999
+_SAMPLE_BEAMS = 2_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class NoReturn:
+    """What beams without return say in a recording, and why.
+
+    Attributes
+    ----------
+    policy : "free" or "ignore"
+    why : str
+        The evidence, in words.
+    reach_m : float
+        Values at or beyond it are no returns.
+    share_infinite, share_beyond, share_nothing : float
+        Shares of all beams: +inf; a number at or beyond the reach; no measurement.
+    farthest_m : float
+        Distance which only one return in a thousand exceeds; NaN without returns.
+    """
+
+    policy: Literal["free", "ignore"]
+    why: str
+    reach_m: float
+    share_infinite: float
+    share_beyond: float
+    share_nothing: float
+    farthest_m: float
+
+
+def find_reach_m(ranges_m: F32) -> float:
+    """Where returns end and the codes of a driver begin, for a sensor whose reach the recording does not state.
+
+    The largest value is a code if values within 1 % of it are ten times as frequent as those in the 9 % below; else
+    the reach lies just above the largest value.
+    """
+    finite = ranges_m[np.isfinite(ranges_m)]
+    largest = float(finite.max(initial=0.0))
+    if largest <= 0.0:
+        return float("inf")
+    codes = int(np.count_nonzero(finite >= _CODE_WINDOW * largest))
+    below = int(np.count_nonzero(finite >= _GAP_WINDOW * largest)) - codes
+    if codes >= max(_LEAST_CODES, _CODE_EXCESS * below):
+        return _CODE_WINDOW * largest
+    return float(np.nextafter(np.float32(largest), np.float32(np.inf)))
+
+
+def judge_no_return(ranges_m: F32, range_min_m: float, range_max_m: float, wish: Policy) -> NoReturn:
+    """Find what beams without return say.
+
+    Parameters
+    ----------
+    ranges_m : (n, n_beams) float32
+        As recorded; NaN also where a geometry has fewer beams.
+    range_min_m, range_max_m : float
+        As the recording states them; +inf = not stated.
+    wish : str
+        "free" or "ignore" overrule the evidence.
+    """
+    step = max(1, ranges_m.size // _SAMPLE_BEAMS)
+    sample = ranges_m[::step].ravel()
+    reach_m = range_max_m if np.isfinite(range_max_m) else find_reach_m(sample)
+    is_return = (sample >= np.float32(range_min_m)) & (sample < np.float32(reach_m)) & (sample > 0.0)
+    infinite = float(np.mean(sample == np.inf))
+    beyond = float(np.mean(np.isfinite(sample) & (sample >= np.float32(reach_m))))
+    returns = sample[is_return]
+    farthest_m = float(np.quantile(returns, _FARTHEST_QUANTILE)) if returns.size else float("nan")
+    nothing = 1.0 - infinite - beyond - returns.size / max(sample.size, 1)
+    if wish != "auto":
+        policy, why = wish, "as set"
+    elif infinite > 0.0:
+        policy, why = "free", f"the driver writes +inf (REP 117) for {infinite:.1%} of the beams"
+    elif beyond == 0.0:
+        policy, why = "ignore", "there are none that could be told from failed measurements"
+    elif farthest_m >= _NEAR_REACH * reach_m:
+        policy, why = (
+            "free",
+            f"real returns reach {farthest_m:.1f} m, close to where the codes begin ({reach_m:.1f} m)",
+        )
+    else:
+        policy = "ignore"
+        why = (
+            f"the codes begin at {reach_m:.1f} m but real returns end at {farthest_m:.1f} m, "
+            "so such a beam was absorbed or dazzled rather than free"
+        )
+    return NoReturn(policy, why, reach_m, infinite, beyond, max(nothing, 0.0), farthest_m)
+
+
+def apply_no_return(ranges_m: F32, range_min_m: float, verdict: NoReturn) -> None:
+    """Rewrite recorded ranges in place: returns stay, no returns become +inf or NaN, the rest NaN."""
+    no_return = np.float32(np.inf if verdict.policy == "free" else np.nan)
+    reach = np.float32(verdict.reach_m)
+    for start in range(0, ranges_m.shape[0], 4096):
+        block = ranges_m[start : start + 4096]
+        is_nothing = ~((block >= np.float32(range_min_m)) & (block > 0.0))
+        is_beyond = block >= reach
+        block[is_beyond] = no_return
+        block[is_nothing] = np.nan

@@ -1,0 +1,288 @@
+"""From recordings to scans: read, choose, merge. The work of the room, in its order."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.bags import ForeignProfileError, read_bag
+from dynmap_cli.ingest.carmen import read_carmen
+from dynmap_cli.ingest.containers import Source, find_sources
+from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
+from dynmap_cli.ingest.lasers import LaserChoice, choose_lasers, view_lasers
+from dynmap_cli.ingest.mcap_files import read_mcap
+from dynmap_cli.ingest.merging import (
+    Columns,
+    check_odometry_continues,
+    columns_of,
+    first_stamp_ns,
+    join_recordings,
+    period_s_of,
+)
+from dynmap_cli.ingest.odometry import Odometry, ends_without_odometry, find_base, find_odometry
+from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
+from dynmap_cli.ingest.raw import RawRecording
+from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport
+from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.wean import read_wean
+
+_log = logging.getLogger(__name__)
+
+_BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
+_IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False)
+
+
+def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[ScanLog, IngestReport]:
+    """Read recordings of one drive into scans.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files or folders; several must continue one another.
+    settings : IngestSettings
+
+    Returns
+    -------
+    ScanLog
+        All accepted sweeps in time order.
+    IngestReport
+        What was found, what was used and why, what was left out.
+
+    Raises
+    ------
+    LogError
+        If there is nothing to read, it is damaged, or it holds no laser.
+    """
+    recordings = load_recordings(paths, settings)
+    joined = join_recordings(recordings, settings.max_gap_s)
+    names = tuple(recording.name for recording in sorted(recordings, key=first_stamp_ns))
+    tree = FrameTree({pair: make_edge(raw) for pair, raw in joined.transforms.items()})
+    base = find_base(joined, tree, settings)
+    choices = _chosen_lasers(joined, tree, base, settings)
+    used = [choice for choice in choices if choice.used]
+    mountings = [_mounting_of(choice, settings, joined) for choice in used]
+    columns, out_of_order = columns_of([choice.view.laser for choice in used], joined.dropped)
+    odometry = find_odometry(
+        joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
+    )
+    poses = _cut_ends(columns, odometry, joined)
+    check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
+    verdicts = [_rewrite_ranges(columns, number, choice, settings) for number, choice in enumerate(used)]
+    poses = _drop_empty(columns, poses, joined)
+    log = _scan_log(columns, poses, mountings, verdicts, names)
+    report = _report(
+        recordings, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree
+    )
+    return log, report
+
+
+def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[RawRecording]:
+    """Read all recordings as they are; each holds at least one laser."""
+    with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
+        limit_bytes = int(settings.max_unpacked_gib * 2**30)
+        sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
+        recordings = [_load(source) for source in sources]
+    for recording in recordings:
+        if not recording.lasers:
+            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
+            lost = "".join(f"; {count} x {reason}" for reason, count in recording.dropped.items())
+            msg = (
+                f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{lost}. "
+                "Record sensor_msgs/LaserScan, or pass another recording."
+            )
+            raise LogError(msg)
+    return recordings
+
+
+def _load(source: Source) -> RawRecording:
+    """Read one recording with the reader of its format."""
+    _log.debug("%s: %s", source.name, source.kind)
+    if source.kind == "carmen":
+        return read_carmen(source.path, source.name)
+    if source.kind == "wean":
+        return read_wean(source.path, source.name)
+    try:
+        return read_bag(source.path, source.name, _BAG_NAMES[source.kind])
+    except ForeignProfileError:
+        return read_mcap(source.path, source.name)
+
+
+def _chosen_lasers(
+    joined: RawRecording, tree: FrameTree, base: str, settings: IngestSettings
+) -> list[LaserChoice]:
+    """Choose lasers; a pose that was passed is that of one laser, so others are left out then."""
+    choices = choose_lasers(joined.name, view_lasers(joined, tree, base), settings.scan_topic)
+    if settings.laser_pose is None:
+        return choices
+    best = next(choice for choice in choices if choice.used and not choice.why.endswith("merged"))
+    return [
+        choice
+        if choice is best or not choice.used
+        else LaserChoice(choice.view, False, "one laser pose was set")
+        for choice in choices
+    ]
+
+
+def _mounting_of(choice: LaserChoice, settings: IngestSettings, joined: RawRecording) -> Mounting:
+    """How a used laser sits on the robot: as set, as found, or at the centre with a warning."""
+    if settings.laser_pose is not None:
+        return Mounting(np.array(settings.laser_pose), is_upside_down=False, is_level=True, moves=False)
+    if choice.view.mounting is not None:
+        return choice.view.mounting
+    laser = choice.view.laser
+    joined.warnings.append(
+        f"{laser.name}: the recording does not say where frame '{laser.frame}' sits on the robot; "
+        "taken to be its centre. Pass --laser-pose X,Y,YAW"
+    )
+    return _IDENTITY
+
+
+def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64:
+    """Drop the few sweeps before and after the odometry; returns the poses of those that stay."""
+    kept = ends_without_odometry(odometry.poses)
+    cut = columns.stamps_ns.size - (kept.stop - kept.start)
+    if cut:
+        joined.dropped["scan before the first or after the last odometry"] += cut
+        columns.keep(kept)
+    poses = odometry.poses[kept]
+    missing = int(np.count_nonzero(~np.isfinite(poses).all(axis=1)))
+    if missing and odometry.source != "none":
+        joined.warnings.append(f"{missing} scans have no odometry")
+    return poses
+
+
+def _rewrite_ranges(columns: Columns, number: int, choice: LaserChoice, settings: IngestSettings) -> NoReturn:
+    """Find what beams without return say for one laser, and rewrite its ranges."""
+    rows = columns.laser == number
+    shape = choice.view.laser.shapes[0]
+    ranges_m = columns.ranges_m if rows.all() else columns.ranges_m[rows]
+    verdict = judge_no_return(ranges_m, shape.range_min_m, shape.range_max_m, settings.no_return)
+    apply_no_return(ranges_m, shape.range_min_m, verdict)
+    if ranges_m is not columns.ranges_m:
+        columns.ranges_m[rows] = ranges_m
+    return verdict
+
+
+def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
+    """Drop sweeps in which no beam says anything; returns the poses of those that stay."""
+    says_something = np.asarray(~np.isnan(columns.ranges_m).all(axis=1))
+    if says_something.all():
+        return poses
+    if not says_something.any():
+        msg = (
+            f"{joined.name}: no beam of any scan is a measurement. "
+            "Check range_min and range_max of the driver, or pass another --scan-topic."
+        )
+        raise LogError(msg)
+    joined.dropped["scan without any measurement"] += int(np.count_nonzero(~says_something))
+    columns.keep(says_something)
+    return np.asarray(poses[says_something])
+
+
+def _scan_log(
+    columns: Columns,
+    poses: F64,
+    mountings: Sequence[Mounting],
+    verdicts: Sequence[NoReturn],
+    names: tuple[str, ...],
+) -> ScanLog:
+    """Build the geometry table and put everything together."""
+    n_beams = columns.ranges_m.shape[1]
+    bearings = np.full((len(columns.geometries), n_beams), np.nan)
+    for row, (laser, shape) in enumerate(columns.geometries):
+        sign = -1.0 if mountings[laser].is_upside_down else 1.0
+        bearings[row, : shape.n_beams] = sign * shape.bearings_rad
+    return ScanLog(
+        stamps_ns=columns.stamps_ns,
+        ranges_m=columns.ranges_m,
+        odometry=poses,
+        geometry_index=columns.geometry_index,
+        bearings_rad=bearings,
+        sensor_poses=np.array([mountings[laser].robot_from_sensor for laser, _ in columns.geometries]),
+        range_limits_m=np.array(
+            [(shape.range_min_m, verdicts[laser].reach_m) for laser, shape in columns.geometries]
+        ),
+        beam_interval_s=columns.beam_interval_s,
+        recording_index=columns.recording_index,
+        recordings=names,
+    )
+
+
+def _report(
+    recordings: Sequence[RawRecording],
+    joined: RawRecording,
+    choices: Sequence[LaserChoice],
+    mountings: Sequence[Mounting],
+    verdicts: Sequence[NoReturn],
+    odometry: Odometry,
+    log: ScanLog,
+    out_of_order: int,
+    base: str,
+    tree: FrameTree,
+) -> IngestReport:
+    """Say what was found and decided."""
+    used = [choice for choice in choices if choice.used]
+    decided = {
+        id(choice): pair for choice, pair in zip(used, zip(mountings, verdicts, strict=True), strict=True)
+    }
+    span_s = float(log.stamps_ns[-1] - log.stamps_ns[0]) * 1e-9
+    known = log.odometry[log.has_odometry]
+    return IngestReport(
+        recordings=tuple(
+            RecordingReport(found.name, found.kind, found.n_read, tuple(found.topics))
+            for found in sorted(recordings, key=first_stamp_ns)
+        ),
+        lasers=tuple(_laser_report(choice, decided.get(id(choice))) for choice in choices),
+        scans=log.n_scans,
+        geometries=log.sensor_poses.shape[0],
+        span_s=round(span_s, 3),
+        rate_hz=round((log.n_scans - 1) / span_s, 3) if span_s > 0 else 0.0,
+        out_of_order=out_of_order,
+        base_frame=base,
+        frames=tree.frames,
+        odometry=odometry.source,
+        odometry_why=odometry.why,
+        odometry_rejected=odometry.rejected,
+        odometry_path_m=round(float(np.hypot(*np.diff(known[:, :2], axis=0).T).sum()), 3),
+        odometry_longest_gap_s=round(odometry.longest_gap_s, 3),
+        scans_without_odometry=int(np.count_nonzero(~log.has_odometry)),
+        dropped=dict(joined.dropped),
+        warnings=tuple(joined.warnings),
+    )
+
+
+def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None) -> LaserReport:
+    """Say what is known of one laser."""
+    laser = choice.view.laser
+    counts = [shape.n_beams for shape in laser.shapes]
+    stated = laser.shapes[0].range_max_m
+    period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
+    mounting, verdict = decided or (choice.view.mounting, None)
+    pose = None
+    if mounting is not None:
+        x, y, yaw = (round(float(value), 6) for value in mounting.robot_from_sensor)
+        pose = (x, y, yaw)
+    return LaserReport(
+        name=laser.name,
+        frame=laser.frame,
+        used=choice.used,
+        why=choice.why,
+        scans=laser.n_scans,
+        beams=(min(counts), max(counts)),
+        field_of_view_deg=round(float(np.degrees(choice.view.field_of_view_rad)), 2),
+        rate_hz=round(1.0 / period_s, 3) if period_s > 0 else 0.0,
+        reach_m=round(stated, 3) if np.isfinite(stated) else None,
+        pose=pose,
+        upside_down=mounting.is_upside_down if mounting else False,
+        no_return=verdict.policy if verdict else "",
+        no_return_why=verdict.why if verdict else "",
+        share_no_return=round(verdict.share_infinite + verdict.share_beyond, 5) if verdict else 0.0,
+        share_no_measurement=round(verdict.share_nothing, 5) if verdict else 0.0,
+    )

@@ -1,0 +1,167 @@
+"""What was found in recordings and what was made of it, for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from dynmap_cli.ingest.raw import Topic
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingReport:
+    """One recording.
+
+    Attributes
+    ----------
+    name, kind : str
+        File or folder name, and format.
+    messages_read : int
+        Messages or lines that were read and understood.
+    topics : tuple of Topic
+    """
+
+    name: str
+    kind: str
+    messages_read: int
+    topics: tuple[Topic, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserReport:
+    """One laser, used or not.
+
+    Attributes
+    ----------
+    name, frame : str
+    used : bool
+    why : str
+    scans : int
+        Recorded sweeps.
+    beams : tuple of (int, int)
+        Fewest and most beams of a sweep.
+    field_of_view_deg, rate_hz : float
+    reach_m : float or None
+        What the recording states; None where it does not.
+    pose : tuple of float or None
+        x m, y m, yaw rad on the robot; None where it is not known.
+    upside_down : bool
+    no_return, no_return_why : str
+        What beams without return say; "" where the laser is not used.
+    share_no_return, share_no_measurement : float
+        Of all its beams.
+    """
+
+    name: str
+    frame: str
+    used: bool
+    why: str
+    scans: int
+    beams: tuple[int, int]
+    field_of_view_deg: float
+    rate_hz: float
+    reach_m: float | None
+    pose: tuple[float, float, float] | None
+    upside_down: bool
+    no_return: str = ""
+    no_return_why: str = ""
+    share_no_return: float = 0.0
+    share_no_measurement: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class IngestReport:
+    """What `read_recordings` found and decided.
+
+    Attributes
+    ----------
+    recordings : tuple of RecordingReport
+    lasers : tuple of LaserReport
+    scans : int
+        Sweeps that were accepted.
+    geometries : int
+        Rows of the geometry table.
+    span_s, rate_hz : float
+    out_of_order : int
+        Sweeps that were stamped before their predecessor; they were sorted.
+    base_frame : str
+        "" where the recording has no frames.
+    frames : tuple of str
+    odometry, odometry_why : str
+    odometry_rejected : tuple of str
+    odometry_path_m : float
+    odometry_longest_gap_s : float
+    scans_without_odometry : int
+    dropped : mapping of str to int
+        Messages, lines or sweeps left out, by reason.
+    warnings : tuple of str
+    """
+
+    recordings: tuple[RecordingReport, ...]
+    lasers: tuple[LaserReport, ...]
+    scans: int
+    geometries: int
+    span_s: float
+    rate_hz: float
+    out_of_order: int
+    base_frame: str
+    frames: tuple[str, ...]
+    odometry: str
+    odometry_why: str
+    odometry_rejected: tuple[str, ...]
+    odometry_path_m: float
+    odometry_longest_gap_s: float
+    scans_without_odometry: int
+    dropped: Mapping[str, int]
+    warnings: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers and words, with "lines" for people."""
+        return {**asdict(self), "dropped": dict(self.dropped), "lines": self.lines()}
+
+    def lines(self) -> list[str]:
+        """Sentences for people."""
+        names = ", ".join(f"{found.name} ({found.kind})" for found in self.recordings)
+        lines = [
+            f"{names}: {self.scans} scans over {self.span_s:.1f} s, {self.rate_hz:.1f} per second",
+            *(_laser_line(laser) for laser in self.lasers),
+            self._odometry_line(),
+        ]
+        if self.odometry_rejected:
+            lines.append(f"not used as odometry: {'; '.join(self.odometry_rejected)}")
+        if self.out_of_order:
+            lines.append(
+                f"{self.out_of_order} scans were stamped before their predecessor and were sorted in"
+            )
+        lines += [f"dropped {count}: {reason}" for reason, count in sorted(self.dropped.items())]
+        lines += [f"warning: {warning}" for warning in self.warnings]
+        return lines
+
+    def _odometry_line(self) -> str:
+        """Which odometry, and how far it went."""
+        if self.odometry == "none":
+            return f"odometry: none, {self.odometry_why}"
+        return (
+            f"odometry: {self.odometry} ({self.odometry_why}), path {self.odometry_path_m:.1f} m, "
+            f"longest gap {self.odometry_longest_gap_s:.2f} s"
+        )
+
+
+def _laser_line(laser: LaserReport) -> str:
+    """One sentence on a laser."""
+    beams = "-".join(str(count) for count in sorted(set(laser.beams)))
+    what = f"laser {laser.name}: {laser.scans} x {beams} beams over {laser.field_of_view_deg:.0f} deg"
+    if not laser.used:
+        return f"{what}; not used, {laser.why}"
+    where = "pose on the robot not known"
+    if laser.pose is not None:
+        x, y, yaw = laser.pose
+        where = f"at x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.1f} deg"
+    turned = ", upside down" if laser.upside_down else ""
+    return (
+        f"{what}, {where}{turned}; used, {laser.why}; no return ({laser.share_no_return:.1%} of the beams) "
+        f"means {'free' if laser.no_return == 'free' else 'nothing'}: {laser.no_return_why}"
+    )

@@ -1,0 +1,155 @@
+"""ROS messages -> raw recording, whichever container and encoding they came in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dynmap_cli.arrays import F32
+from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
+
+LASER_TYPES = frozenset({"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"})
+ODOMETRY_TYPES = frozenset({"nav_msgs/msg/Odometry"})
+TRANSFORM_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
+USED_TYPES = LASER_TYPES | ODOMETRY_TYPES | TRANSFORM_TYPES
+
+_ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
+_LEAST_QUATERNION = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message with its place.
+
+    Attributes
+    ----------
+    topic, msgtype : str
+    logged_ns : int
+        When it was recorded.
+    content : object
+        The deserialized message, fields as in its ROS definition.
+    """
+
+    topic: str
+    msgtype: str
+    logged_ns: int
+    content: Any
+
+
+def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
+    """Sort messages into lasers, odometry and transforms."""
+    for message in messages:
+        recording.n_read += 1
+        if message.msgtype in LASER_TYPES:
+            _take_scan(recording, message)
+        elif message.msgtype in ODOMETRY_TYPES:
+            _take_odometry(recording, message)
+        elif message.msgtype in TRANSFORM_TYPES:
+            _take_transforms(recording, message)
+
+
+def plain_frame(frame: str) -> str:
+    """A frame name without the leading slash of old tf."""
+    return frame.strip().lstrip("/")
+
+
+def _stamp_ns(header: Any) -> int:
+    """Nanoseconds of a header."""
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def _take_scan(recording: RawRecording, message: Message) -> None:
+    """Keep a sweep."""
+    scan = message.content
+    ranges_m = _ranges_of(scan)
+    stamp_ns = _stamp_ns(scan.header)
+    if ranges_m.size == 0:
+        recording.dropped[f"scan on {message.topic} without beams"] += 1
+        return
+    shape = shape_of(scan, ranges_m.size)
+    if shape is None:
+        recording.dropped[f"scan on {message.topic} with angles that are not numbers"] += 1
+        return
+    laser = recording.lasers.setdefault(
+        message.topic, RawLaser(message.topic, plain_frame(scan.header.frame_id))
+    )
+    interval_s = float(scan.time_increment)
+    if not 0.0 <= interval_s < math.inf:
+        interval_s = 0.0
+    laser.add(stamp_ns, message.logged_ns, ranges_m, shape, interval_s)
+
+
+def _ranges_of(scan: Any) -> F32:
+    """Ranges (n_beams,) of a LaserScan, or first echoes of a MultiEchoLaserScan."""
+    if len(scan.ranges) and hasattr(scan.ranges[0], "echoes"):
+        first = [beam.echoes[0] if len(beam.echoes) else math.inf for beam in scan.ranges]
+        return np.array(first, dtype=np.float32)
+    return np.array(scan.ranges, dtype=np.float32)
+
+
+def shape_of(scan: Any, n_beams: int) -> ScanShape | None:
+    """Geometry of a LaserScan.
+
+    The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
+    is zero or of the wrong sign the beams are spread between the two. Angles are rounded to 0.006 deg, so that
+    sensors which compute them anew for each sweep do not get a geometry for each.
+    """
+    first, last, step = float(scan.angle_min), float(scan.angle_max), float(scan.angle_increment)
+    if not (math.isfinite(first) and math.isfinite(last) and math.isfinite(step)):
+        return None
+    if step == 0.0 or (last - first) * step < 0.0:
+        step = (last - first) / max(n_beams - 1, 1)
+    low, high = float(scan.range_min), float(scan.range_max)
+    return ScanShape(
+        round(round(first / _ANGLE_GRID_RAD) * _ANGLE_GRID_RAD, 9),
+        round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12),
+        n_beams,
+        round(low, 6) if 0.0 <= low < math.inf else 0.0,
+        round(high, 6) if 0.0 < high < math.inf else math.inf,
+    )
+
+
+def _take_odometry(recording: RawRecording, message: Message) -> None:
+    """Keep an odometry pose, projected to the plane."""
+    odometry = message.content
+    pose = odometry.pose.pose
+    yaw_rad = yaw_of(pose.orientation)
+    values = (float(pose.position.x), float(pose.position.y), yaw_rad)
+    if not all(math.isfinite(value) for value in values):
+        recording.dropped[f"odometry on {message.topic} that is not a pose"] += 1
+        return
+    track = recording.odometry.setdefault(
+        message.topic,
+        RawOdometry(
+            message.topic, plain_frame(odometry.header.frame_id), plain_frame(odometry.child_frame_id)
+        ),
+    )
+    track.stamps_ns.append(_stamp_ns(odometry.header))
+    track.poses.append(values)
+
+
+def yaw_of(q: Any) -> float:
+    """Heading of a quaternion message, radians; NaN where it is no rotation."""
+    if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < _LEAST_QUATERNION:
+        return math.nan
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
+
+
+def _take_transforms(recording: RawRecording, message: Message) -> None:
+    """Keep the transforms of a tf message."""
+    is_static = message.topic.endswith("tf_static")
+    for stamped in message.content.transforms:
+        move, q = stamped.transform.translation, stamped.transform.rotation
+        values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
+        length = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+        parent, child = plain_frame(stamped.header.frame_id), plain_frame(stamped.child_frame_id)
+        if not (all(math.isfinite(value) for value in values) and length >= _LEAST_QUATERNION):
+            recording.dropped["transform that is not a pose"] += 1
+            continue
+        kept = recording.transforms.setdefault((parent, child), RawTransform(is_static))
+        kept.stamps_ns.append(_stamp_ns(stamped.header))
+        kept.values.append(values)

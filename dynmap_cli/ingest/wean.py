@@ -1,0 +1,68 @@
+"""Wean Hall text logs of CMU's course on statistical robotics.
+
+`O x y theta ts` (odometry) and `L x y theta xl yl thetal r1..r180 ts` (odometry of robot and laser, ranges);
+centimetres, radians, seconds; beams run from right (-90 deg) to left in steps of 1 deg.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.files.trajectory import parse_stamp
+from dynmap_cli.ingest.carmen import mounting, replace_lost_stamps
+from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
+
+_CM = 0.01
+_N_BEAMS = 180
+_SHAPE = ScanShape(-math.pi / 2.0, math.radians(1.0), _N_BEAMS, 0.01, math.inf)
+_WIDTHS = {b"O": 3, b"L": 6 + _N_BEAMS}
+
+
+def read_wean(path: Path, name: str) -> RawRecording:
+    """Read a Wean Hall log; lines that do not parse are counted, not fatal."""
+    recording = RawRecording(name, "Wean Hall text")
+    counts: Counter[str] = Counter()
+    laser_poses: list[F64] = []
+    with path.open("rb") as stream, warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        for line in stream:
+            word = line[:1]
+            if word not in _WIDTHS:
+                continue
+            counts[word.decode()] += 1
+            try:
+                _take(recording, word, line, laser_poses)
+            except (ValueError, DeprecationWarning):
+                recording.dropped[f"{word.decode()} line that does not parse"] += 1
+    recording.topics = [Topic(word, "line", count) for word, count in sorted(counts.items())]
+    if laser_poses:
+        poses = np.array(laser_poses)
+        recording.lasers["L"].robot_from_sensor = mounting(poses[:, :3], poses[:, 3:])
+        replace_lost_stamps(recording)
+    return recording
+
+
+def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F64]) -> None:
+    """Read one line."""
+    head, stamp = line.rsplit(None, 1)
+    values = np.fromstring(head[2:], dtype=np.float64, sep=" ")
+    if values.size != _WIDTHS[word]:
+        msg = "wrong count of numbers"
+        raise ValueError(msg)
+    stamp_ns = parse_stamp(stamp.decode("ascii"))
+    values[[0, 1]] *= _CM
+    track = recording.odometry.setdefault(word.decode(), RawOdometry(word.decode()))
+    track.stamps_ns.append(stamp_ns)
+    track.poses.append((float(values[0]), float(values[1]), float(values[2])))
+    recording.n_read += 1
+    if word == b"L":
+        values[[3, 4]] *= _CM
+        laser_poses.append(values[:6])
+        laser = recording.lasers.setdefault("L", RawLaser("L"))
+        laser.add(stamp_ns, stamp_ns, (values[6:] * _CM).astype(np.float32), _SHAPE)
