@@ -112,8 +112,10 @@ def choose_lasers(name: str, views: list[LaserView], wish: str | None) -> list[L
     if wish is not None:
         if wish not in {view.laser.name for view in views}:
             found = ", ".join(view.laser.name for view in views)
-            msg = f"{name}: no laser scans on '{wish}'; laser topics here: {found}. "
+            msg = (
+                f"{name}: no laser scans on '{wish}'; laser topics here: {found}. "
                 "Pass one of these with --scan-topic."
+            )
             raise LogError(msg)
         return [
             LaserChoice(
