@@ -125,33 +125,37 @@ def component_sizes(cells: B1) -> I64:
 
 
 def align(maps: LocalMaps) -> LocalMaps:
-    """Shift each map by up to two cells so that it agrees best with the mean of the others.
+    """Shift each map by up to two cells to where most of its occupied cells are occupied in the others too.
 
-    Errors of the poses are nearly constant over a visit, so they show as a shift of its map. A map moves
-    only where that makes clearly more cells agree.
+    Errors of the poses are nearly constant over a visit, so they show as a shift of its map. Only what stands
+    in both counts: a cell that is free in one map and occupied in another is a change, and no reason to move.
+    A map moves only where that makes clearly more cells agree.
     """
-    signed = np.select([maps.states == OCCUPIED, maps.states == FREE], [1.0, -1.0], 0.0)
-    if signed.shape[0] < 2:
+    occupied, known = (
+        (maps.states == OCCUPIED).astype(np.float64),
+        (maps.states != UNKNOWN).astype(np.float64),
+    )
+    if occupied.shape[0] < 2:
         return maps
-    shifts = [(0, 0)] * signed.shape[0]
-    total = signed.sum(axis=0)
+    shifts = [(0, 0)] * occupied.shape[0]
+    sums = np.stack([occupied.sum(axis=0), known.sum(axis=0)])
     for _ in range(_ALIGN_ROUNDS):
-        for k, grid in enumerate(signed):
-            others = total - shifted(grid, shifts[k], 0.0)
-            shifts[k] = _best_shift(grid, np.sign(others))
-            total = others + shifted(grid, shifts[k], 0.0)
+        for k, pair in enumerate(zip(occupied, known, strict=True)):
+            others = sums - np.stack([shifted(grid, shifts[k], 0.0) for grid in pair])
+            shifts[k] = _best_shift(occupied[k], others[0] / np.maximum(others[1], 1.0))
+            sums = others + np.stack([shifted(grid, shifts[k], 0.0) for grid in pair])
     states = np.stack([shifted(m, s, UNKNOWN) for m, s in zip(maps.states, shifts, strict=True)])
     values = np.stack([shifted(m, s, np.nan) for m, s in zip(maps.reflectance, shifts, strict=True)])
     return LocalMaps(states, values, maps.is_mixed)
 
 
-def _best_shift(signed: F64, others: F64) -> tuple[int, int]:
-    """Rows and columns by which a map (+1 occupied, -1 free, 0 unknown) is best moved."""
+def _best_shift(occupied: F64, others: F64) -> tuple[int, int]:
+    """Rows and columns by which occupied cells (0 or 1) best meet those of the other maps (share of them)."""
     reach = range(-_MAX_SHIFT_CELLS, _MAX_SHIFT_CELLS + 1)
     candidates = sorted(((row, col) for row in reach for col in reach), key=lambda s: math.hypot(*s))
     best, best_score = (0, 0), -math.inf
     for shift in candidates:
-        score = float((shifted(signed, shift, 0.0) * others).sum())
+        score = float((shifted(occupied, shift, 0.0) * others).sum())
         if score > best_score + (_MIN_GAIN_CELLS if best_score > -math.inf else 0.0):
             best, best_score = shift, score
     return best
