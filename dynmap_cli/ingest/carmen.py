@@ -11,136 +11,190 @@ ipc_timestamp host logger_timestamp`.
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F64
+from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between
 from dynmap_cli.files.trajectory import parse_stamp
+from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
 
 _OLD_LASERS = (b"FLASER", b"RLASER")
 _NEW_LASERS = (b"ROBOTLASER1", b"ROBOTLASER2")
-_TAIL_WORDS = 3
-_NEW_HEADER, _NEW_POSES = 8, 11
+_BATCH = 256
 _NO_STAMP_STEP_NS = 10**9
 _SHORTEST_M = 0.01
+_SICK_REACH_M = 80.0
 _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 
 
 def read_carmen(path: Path, name: str) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
-    recording = RawRecording(name, "CARMEN text")
-    reader = _Reader(recording)
-    counts: Counter[str] = Counter()
-    with path.open("rb") as stream, warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
+    reader = _Reader(RawRecording(name, "CARMEN text"))
+    with path.open("rb") as stream:
         for line in stream:
-            word = line[:12].split(None, 1)[0] if line.strip() else b"#"
-            if word.startswith(b"#"):
-                continue
-            counts[word.decode("ascii", "replace")] += 1
-            try:
-                reader.take(word, line)
-            except (ValueError, IndexError, DeprecationWarning):
-                recording.dropped[f"{word.decode('ascii', 'replace')} line that does not parse"] += 1
-    recording.topics = [Topic(word, "line", count) for word, count in sorted(counts.items())]
+            words = line.split(None, 1)
+            if words and not words[0].startswith(b"#"):
+                reader.take(words[0], line)
     reader.finish()
-    return recording
+    return reader.recording
+
+
+@dataclass(frozen=True, slots=True)
+class _Sweep:
+    """A laser line whose ranges are not parsed yet.
+
+    Attributes
+    ----------
+    word : str
+        First word of the line.
+    stamp_ns : int
+    shape : ScanShape
+    text : bytes
+        Ranges, in new lines followed by the count of remissions and these.
+    n_numbers : int
+        How many numbers *text* should hold.
+    poses : tuple of 6 floats
+        Laser, robot.
+    """
+
+    word: str
+    stamp_ns: int
+    shape: ScanShape
+    text: bytes
+    n_numbers: int
+    poses: tuple[float, ...]
 
 
 class _Reader:
-    """Takes lines one after the other and keeps the poses of lasers until all are read."""
+    """Takes lines one after the other; parses the ranges of many sweeps at a time."""
 
     def __init__(self, recording: RawRecording) -> None:
         self.recording = recording
-        self.laser_poses: dict[str, list[F64]] = {}
+        self.counts: Counter[str] = Counter()
+        self.waiting: list[_Sweep] = []
+        self.laser_poses: dict[str, list[tuple[float, ...]]] = {}
 
     def take(self, word: bytes, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
-        if word in _OLD_LASERS:
-            self._take_old_laser(word.decode(), line)
-        elif word in _NEW_LASERS:
-            self._take_new_laser(word.decode(), line)
-        elif word == b"ODOM":
-            head, stamp_ns = _numbers_and_stamp(line, 4)
-            self._odometry("ODOM", stamp_ns, head[:3])
-        else:
-            return
+        name = word.decode("ascii", "replace")
+        self.counts[name] += 1
+        try:
+            if word in _OLD_LASERS:
+                self.waiting.append(_old_laser(name, line))
+            elif word in _NEW_LASERS:
+                self.waiting.append(_new_laser(name, line))
+            elif word == b"ODOM":
+                words = line.split()
+                self._odometry(name, _stamp(words[-3]), _finite(words[1:4]))
+                self.recording.n_read += 1
+        except (ValueError, IndexError):
+            self._lost(name)
+        if len(self.waiting) >= _BATCH:
+            self._parse_waiting()
+
+    def _parse_waiting(self) -> None:
+        """Parse the ranges of all waiting sweeps; one by one where some are malformed."""
+        waiting, self.waiting = self.waiting, []
+        try:
+            values = parse_decimals(b" ".join(sweep.text for sweep in waiting)).astype(np.float32)
+            ends = np.cumsum([sweep.n_numbers for sweep in waiting]) if waiting else np.zeros(1, np.int64)
+            if values.size != ends[-1]:
+                msg = "a line has more or fewer numbers than it says"
+                raise ValueError(msg)
+            parts = np.split(values, ends[:-1])
+        except ValueError:
+            parts = [_numbers_or_nothing(sweep.text) for sweep in waiting]
+        for sweep, part in zip(waiting, parts, strict=False):
+            if part.size == sweep.n_numbers:
+                self._sweep(sweep, part[: sweep.shape.n_beams])
+            else:
+                self._lost(sweep.word)
+
+    def _sweep(self, sweep: _Sweep, ranges_m: F32) -> None:
+        """Keep a sweep with the poses of laser and robot."""
+        laser = self.recording.lasers.setdefault(sweep.word, RawLaser(sweep.word))
+        laser.add(sweep.stamp_ns, sweep.stamp_ns, ranges_m, sweep.shape)
+        self.laser_poses.setdefault(sweep.word, []).append(sweep.poses)
+        self._odometry(sweep.word, sweep.stamp_ns, sweep.poses[3:])
         self.recording.n_read += 1
 
-    def _take_old_laser(self, word: str, line: bytes) -> None:
-        """Read a FLASER or RLASER line; the beams of 180 readings start at -90 deg."""
-        values, stamp_ns = _numbers_and_stamp(line, 7)
-        n_beams = int(values[0])
-        if n_beams < 1 or values.size != n_beams + 7:
-            msg = "beam count"
-            raise ValueError(msg)
-        self._sweep(word, stamp_ns, values[1 : n_beams + 1], flaser_shape(n_beams), values[n_beams + 1 :])
-
-    def _take_new_laser(self, word: str, line: bytes) -> None:
-        """Read a ROBOTLASER line, which states its geometry."""
-        values, stamp_ns = _numbers_and_stamp(line, _NEW_HEADER + 1 + _NEW_POSES)
-        n_beams = int(values[_NEW_HEADER - 1])
-        n_remission = int(values[_NEW_HEADER + n_beams])
-        first_pose = _NEW_HEADER + n_beams + 1 + n_remission
-        if n_beams < 1 or n_remission < 0 or values.size != first_pose + _NEW_POSES:
-            msg = "beam count"
-            raise ValueError(msg)
-        start_rad, fov_rad, step_rad, reach_m = values[1:5]
-        if step_rad == 0.0:
-            step_rad = fov_rad / max(n_beams - 1, 1)
-        shape = ScanShape(
-            float(start_rad),
-            float(step_rad),
-            n_beams,
-            _SHORTEST_M,
-            float(reach_m) if reach_m > 0 else math.inf,
-        )
-        self._sweep(
-            word,
-            stamp_ns,
-            values[_NEW_HEADER : _NEW_HEADER + n_beams],
-            shape,
-            values[first_pose : first_pose + 6],
-        )
-
-    def _sweep(self, word: str, stamp_ns: int, ranges_m: F64, shape: ScanShape, poses: F64) -> None:
-        """Keep a sweep with the poses of laser and robot."""
-        laser = self.recording.lasers.setdefault(word, RawLaser(word))
-        laser.add(stamp_ns, stamp_ns, ranges_m.astype(np.float32), shape)
-        self.laser_poses.setdefault(word, []).append(poses[:6])
-        self._odometry(word, stamp_ns, poses[3:6])
-
-    def _odometry(self, word: str, stamp_ns: int, pose: F64) -> None:
+    def _odometry(self, word: str, stamp_ns: int, pose: tuple[float, ...]) -> None:
         """Keep an odometry pose."""
         track = self.recording.odometry.setdefault(word, RawOdometry(word))
         track.stamps_ns.append(stamp_ns)
-        track.poses.append((float(pose[0]), float(pose[1]), float(pose[2])))
+        track.poses.append((pose[0], pose[1], pose[2]))
+
+    def _lost(self, word: str) -> None:
+        """Count a line that does not parse."""
+        self.recording.dropped[f"{word} line that does not parse"] += 1
 
     def finish(self) -> None:
-        """Find how the lasers are mounted, and replace stamps that were lost."""
+        """Parse the rest, find how the lasers are mounted, and replace stamps that were lost."""
+        self._parse_waiting()
+        self.recording.topics = [Topic(word, "line", count) for word, count in sorted(self.counts.items())]
         for word, laser in self.recording.lasers.items():
             poses = np.array(self.laser_poses[word])
             laser.robot_from_sensor = mounting(poses[:, 3:6], poses[:, 0:3])
             if laser.robot_from_sensor is None:
                 self.recording.warnings.append(
-                    f"{word}: laser and robot pose differ by no fixed amount; laser taken to be at the robot's centre"
+                    f"{word}: laser and robot pose differ by no fixed amount in the lines of the log"
                 )
         replace_lost_stamps(self.recording)
 
 
-def _numbers_and_stamp(line: bytes, least: int) -> tuple[F64, int]:
-    """Numbers of a line before `ipc_timestamp host logger_timestamp`, and the first of these in nanoseconds."""
-    head, stamp, _host, _logger = line.rsplit(None, _TAIL_WORDS)
-    values = np.fromstring(head.partition(b" ")[2], dtype=np.float64, sep=" ")
-    if values.size < least - 1 or not np.isfinite(values[-3:]).all():
-        msg = "too few numbers"
+def _old_laser(word: str, line: bytes) -> _Sweep:
+    """Take a FLASER or RLASER line apart; the beams of 180 readings start at -90 deg."""
+    _, count, rest = line.split(None, 2)
+    text, *poses, stamp, _host, _logger = rest.rsplit(None, 9)
+    n_beams = int(count)
+    if n_beams < 1 or len(poses) != 6 or text.count(b" ") != n_beams - 1:
+        msg = "beam count"
         raise ValueError(msg)
-    return values, parse_stamp(stamp.decode("ascii"))
+    return _Sweep(word, _stamp(stamp), flaser_shape(n_beams), text, n_beams, _finite(poses))
+
+
+def _new_laser(word: str, line: bytes) -> _Sweep:
+    """Take a ROBOTLASER line apart, which states its geometry."""
+    *header, rest = line.split(None, 9)
+    text, *poses, _tv, _rv, _forward, _side, _turn, stamp, _host, _logger = rest.rsplit(None, 14)
+    start_rad, fov_rad, step_rad, reach_m = _finite(header[2:6])
+    n_beams = int(header[8])
+    words = text.split()
+    if n_beams < 1 or len(poses) != 6 or len(words) != n_beams + 1 + int(words[n_beams]):
+        msg = "beam count"
+        raise ValueError(msg)
+    if step_rad == 0.0:
+        step_rad = fov_rad / max(n_beams - 1, 1)
+    is_stated = 0.0 < reach_m < _SICK_REACH_M
+    shape = ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
+    return _Sweep(word, _stamp(stamp), shape, text, len(words), _finite(poses))
+
+
+def _stamp(word: bytes) -> int:
+    """Nanoseconds from decimal seconds."""
+    return parse_stamp(word.decode("ascii"))
+
+
+def _finite(words: list[bytes]) -> tuple[float, ...]:
+    """Finite numbers."""
+    values = tuple(float(word) for word in words)
+    if not all(math.isfinite(value) for value in values):
+        msg = "not a finite number"
+        raise ValueError(msg)
+    return values
+
+
+def _numbers_or_nothing(text: bytes) -> F32:
+    """Numbers of one line, none where one of them is no number."""
+    try:
+        return parse_numbers(text).astype(np.float32)
+    except ValueError:
+        return np.zeros(0, dtype=np.float32)
 
 
 def flaser_shape(n_beams: int) -> ScanShape:

@@ -45,10 +45,16 @@ class LaserView:
         return self.laser.n_scans * self.field_of_view_rad * self.typical_far_m
 
     @property
-    def kind(self) -> tuple[int, float, float]:
+    def kind(self) -> tuple[float, ...]:
         """What lasers of one make and setting have in common."""
-        shape = self.laser.shapes[0]
-        return shape.n_beams, round(abs(shape.increment_rad), 6), shape.range_max_m
+        shape, interval_s = self.laser.shapes[0], self.laser.beam_interval_s[0]
+        return (
+            shape.n_beams,
+            abs(shape.first_bearing_rad),
+            abs(shape.increment_rad),
+            shape.range_max_m,
+            interval_s > 0,
+        )
 
 
 @dataclass(frozen=True, slots=True)

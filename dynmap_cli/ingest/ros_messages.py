@@ -50,6 +50,7 @@ def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
             _take_odometry(recording, message)
         elif message.msgtype in TRANSFORM_TYPES:
             _take_transforms(recording, message)
+    _clean_transforms(recording)
 
 
 def plain_frame(frame: str) -> str:
@@ -141,15 +142,29 @@ def yaw_of(q: Any) -> float:
 
 def _take_transforms(recording: RawRecording, message: Message) -> None:
     """Keep the transforms of a tf message."""
-    is_static = message.topic.endswith("tf_static")
+    transforms = recording.transforms
     for stamped in message.content.transforms:
-        move, q = stamped.transform.translation, stamped.transform.rotation
-        values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
-        length = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-        parent, child = plain_frame(stamped.header.frame_id), plain_frame(stamped.child_frame_id)
-        if not (all(math.isfinite(value) for value in values) and length >= _LEAST_QUATERNION):
-            recording.dropped["transform that is not a pose"] += 1
+        header, move, q = stamped.header, stamped.transform.translation, stamped.transform.rotation
+        pair = header.frame_id, stamped.child_frame_id
+        kept = transforms.get(pair)
+        if kept is None:
+            kept = transforms[pair] = RawTransform(message.topic.endswith("tf_static"))
+        kept.stamps_ns.append(header.stamp.sec * 10**9 + header.stamp.nanosec)
+        kept.values.append((move.x, move.y, move.z, q.x, q.y, q.z, q.w))
+
+
+def _clean_transforms(recording: RawRecording) -> None:
+    """Name frames without slashes and drop what is no rotation; done once at the end, for tf is most of many bags."""
+    found, recording.transforms = recording.transforms, {}
+    for (parent, child), raw in found.items():
+        values = np.array(raw.values)
+        length = (values[:, 3:] ** 2).sum(axis=1)
+        is_pose = np.isfinite(values).all(axis=1) & (length >= _LEAST_QUATERNION)
+        if not is_pose.all():
+            recording.dropped["transform that is not a pose"] += int(np.count_nonzero(~is_pose))
+        if not is_pose.any():
             continue
-        kept = recording.transforms.setdefault((parent, child), RawTransform(is_static))
-        kept.stamps_ns.append(_stamp_ns(stamped.header))
-        kept.values.append(values)
+        pair = plain_frame(parent), plain_frame(child)
+        kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
+        kept.stamps_ns += [stamp for stamp, good in zip(raw.stamps_ns, is_pose, strict=True) if good]
+        kept.values += [value for value, good in zip(raw.values, is_pose, strict=True) if good]

@@ -7,7 +7,6 @@ centimetres, radians, seconds; beams run from right (-90 deg) to left in steps o
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 from dynmap_cli.arrays import F64
 from dynmap_cli.files.trajectory import parse_stamp
 from dynmap_cli.ingest.carmen import mounting, replace_lost_stamps
+from dynmap_cli.ingest.decimals import parse_numbers
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
 
 _CM = 0.01
@@ -29,8 +29,7 @@ def read_wean(path: Path, name: str) -> RawRecording:
     recording = RawRecording(name, "Wean Hall text")
     counts: Counter[str] = Counter()
     laser_poses: list[F64] = []
-    with path.open("rb") as stream, warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
+    with path.open("rb") as stream:
         for line in stream:
             word = line[:1]
             if word not in _WIDTHS:
@@ -38,7 +37,7 @@ def read_wean(path: Path, name: str) -> RawRecording:
             counts[word.decode()] += 1
             try:
                 _take(recording, word, line, laser_poses)
-            except (ValueError, DeprecationWarning):
+            except ValueError:
                 recording.dropped[f"{word.decode()} line that does not parse"] += 1
     recording.topics = [Topic(word, "line", count) for word, count in sorted(counts.items())]
     if laser_poses:
@@ -51,7 +50,7 @@ def read_wean(path: Path, name: str) -> RawRecording:
 def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F64]) -> None:
     """Read one line."""
     head, stamp = line.rsplit(None, 1)
-    values = np.fromstring(head[2:], dtype=np.float64, sep=" ")
+    values = parse_numbers(head[2:])
     if values.size != _WIDTHS[word]:
         msg = "wrong count of numbers"
         raise ValueError(msg)
