@@ -182,8 +182,8 @@ def _stamp(word: bytes) -> int:
 
 def _finite(words: list[bytes]) -> tuple[float, ...]:
     """Finite numbers."""
-    values = tuple(float(word) for word in words)
-    if not all(math.isfinite(value) for value in values):
+    values = tuple(map(float, words))
+    if not math.isfinite(sum(values)):
         msg = "not a finite number"
         raise ValueError(msg)
     return values

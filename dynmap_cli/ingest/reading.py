@@ -60,7 +60,14 @@ def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[Sc
     LogError
         If there is nothing to read, it is damaged, or it holds no laser.
     """
-    recordings = load_recordings(paths, settings)
+    return merge_recordings(load_recordings(paths, settings), settings)
+
+
+def merge_recordings(
+    recordings: Sequence[RawRecording], settings: IngestSettings
+) -> tuple[ScanLog, IngestReport]:
+    """Decide what is used of recordings that were loaded, and bring it into time order."""
+    require_lasers(recordings)
     joined = join_recordings(recordings, settings.max_gap_s)
     names = tuple(recording.name for recording in sorted(recordings, key=first_stamp_ns))
     tree = FrameTree({pair: make_edge(raw) for pair, raw in joined.transforms.items()})
@@ -84,11 +91,14 @@ def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[Sc
 
 
 def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[RawRecording]:
-    """Read all recordings as they are; each holds at least one laser."""
+    """Read all recordings as they are."""
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
-        sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        recordings = [_load(source) for source in sources]
+        return [_load(source) for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
+
+
+def require_lasers(recordings: Sequence[RawRecording]) -> None:
+    """Refuse recordings without a laser."""
     for recording in recordings:
         if not recording.lasers:
             found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
@@ -98,7 +108,6 @@ def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[Raw
                 "Record sensor_msgs/LaserScan, or pass another recording."
             )
             raise LogError(msg)
-    return recordings
 
 
 def _load(source: Source) -> RawRecording:
