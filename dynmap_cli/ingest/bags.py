@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.raw import RawRecording, Topic
-from dynmap_cli.ingest.ros_messages import USED_TYPES, Message, take_messages
+from dynmap_cli.ingest.ros_messages import TRANSFORM_TYPES, USED_TYPES, Message, take_messages
 
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _NOT_ROS2_PROFILE = "Profile is not ros2"
@@ -82,6 +82,14 @@ def _messages(reader: AnyReader, name: str, kind: str) -> Iterator[Message]:
         except Exception as err:
             raise damaged(name, kind, err) from err
         yield Message(connection.topic, connection.msgtype, logged_ns, content)
+
+
+def message_decoders() -> dict[str, Callable[[bytes, str], Any]]:
+    """Functions (data, type) -> message for each encoding of ROS, for readers of other containers."""
+    ros1 = get_typestore(Stores.ROS1_NOETIC)
+    for kind in TRANSFORM_TYPES:
+        ros1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
+    return {"cdr": get_typestore(_ROS2_DEFAULT).deserialize_cdr, "ros1": ros1.deserialize_ros1}
 
 
 def damaged(name: str, kind: str, err: Exception) -> LogError:

@@ -24,6 +24,7 @@ _MAGIC = (
     (b"PK\x03\x04", "zip"),
     (b"PK\x05\x06", "zip"),
 )
+_SUFFIXES = {"ros1": ".bag", "db3": ".db3", "mcap": ".mcap"}
 _CARMEN = re.compile(
     rb"^(#.*CARMEN|(FLASER|RLASER|ROBOTLASER\d|RAWLASER\d|ODOM|PARAM|SYNC)[ \t])", re.MULTILINE
 )
@@ -51,7 +52,7 @@ class Source:
     kind : str
         "carmen", "wean", "ros1", "ros2" (folder), "db3" or "mcap".
     path : Path
-        Where the unpacked content is.
+        Where the unpacked content is; bags have the suffix of their kind.
     """
 
     name: str
@@ -103,7 +104,17 @@ def _source_of_file(path: Path, name: str, scratch: Path, limit_bytes: int) -> S
         except _UNPACK_ERRORS as err:
             raise _cannot_unpack(name, kind, err) from err
         return _source_of_file(target, name, scratch, limit_bytes)
-    return Source(name, kind, path)
+    return Source(name, kind, _with_suffix(path, kind, scratch))
+
+
+def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
+    """The file under a name that ends as its kind wants it, for rosbags goes by the name."""
+    suffix = _SUFFIXES.get(kind, path.suffix)
+    if path.suffix == suffix:
+        return path
+    link = _new_folder(scratch) / f"recording{suffix}"
+    link.symlink_to(path.resolve())
+    return link
 
 
 def _decompressed(path: Path, kind: str) -> gzip.GzipFile | bz2.BZ2File:

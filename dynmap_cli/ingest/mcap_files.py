@@ -1,17 +1,15 @@
-"""MCAP files that rosbags refuses (profile "" or "ros1"), through the mcap package; types from rosbags' stores."""
+"""MCAP files that rosbags refuses (profile "" or "ros1"), through the mcap package; messages decoded by rosbags."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
-from rosbags.typesys import Stores, get_typestore
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.bags import damaged
+from dynmap_cli.ingest.bags import damaged, message_decoders
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import USED_TYPES, Message, take_messages
 
@@ -53,10 +51,7 @@ def _type_of(schema: Schema | None, channel: Channel) -> str:
 
 def _messages(reader: McapReader, wanted: list[str], name: str) -> Iterator[Message]:
     """Messages on the wanted topics, in the order of their recording."""
-    decode: dict[str, Callable[[bytes, str], Any]] = {
-        "cdr": get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr,
-        "ros1": get_typestore(Stores.ROS1_NOETIC).deserialize_ros1,
-    }
+    decode = message_decoders()
     stream = reader.iter_messages(topics=wanted)
     while True:
         try:
