@@ -194,8 +194,6 @@ def _cast_segment(
             ranges[k] = reach
             hits[k] = number
             cosines[k] = abs(determinant) / math.hypot(ex, ey)
-        if width >= _TWO_PI:
-            break
 
 
 @kernel
@@ -252,8 +250,6 @@ def _cast_circle(
             ranges[k] = reach
             hits[k] = number
             cosines[k] = math.sqrt(inside) / radius
-        if width >= _TWO_PI:
-            break
 
 
 @kernel

@@ -74,10 +74,10 @@ def _drawn(process: Process, n_states: int, near: I64, draw: np.random.Generator
     while n_states > 1:
         time += float(draw.exponential(process.mean_s))
         state = int((state + 1 + draw.integers(n_states - 1)) % n_states)
-        later = np.searchsorted(seconds, np.ceil(time))
+        later = np.searchsorted(seconds, np.ceil(max(time, events[-1][0] + 1.0)))
         if later >= seconds.size:
             break
-        time = float(max(seconds[later], events[-1][0] + 1.0))
+        time = float(seconds[later])
         events.append((time, state))
     return events
 

@@ -107,7 +107,7 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
     """Yield the pieces of the whole path, in order."""
     x, y, yaw = _first_pose(robot)
     rate = math.radians(robot.turn_rate_degps)
-    steps = [robot.path[0], *(list(robot.path) * robot.repeat)[1:]]
+    steps = robot.path
     cut = 0.0
     for number, step in enumerate(steps):
         if step.to is not None and math.hypot(step.to[0] - x, step.to[1] - y) > 1e-9:

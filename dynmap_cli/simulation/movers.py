@@ -18,7 +18,7 @@ _LEG_RADIUS_M, _TRUNK_RADIUS_M = 0.06, 0.18
 _LEG_SIDE_M = 0.1
 _HALF_STEP_M = 0.32
 _ROBOT_RADIUS_M = 0.25
-_KEEP_CLEAR_M = 0.5
+_CLEAR_M = 0.5
 _SECONDS_PER_SAMPLE = 0.2
 
 
@@ -38,8 +38,8 @@ class Track:
         Where it is at each time, world frame, metres.
     present_s : tuple of float
         From when until when it is there.
-    evades : bool
-        Whether it steps out of the robot's way.
+    clear_m : float
+        How near its middle may come to the robot; it steps aside.
     """
 
     shape: str
@@ -47,7 +47,7 @@ class Track:
     times_s: F64
     points: F64
     present_s: tuple[float, float]
-    evades: bool
+    clear_m: float
 
     def at(self, times_s: F64, robot: F64) -> tuple[F64, F64]:
         """(m,) times and (m, 3) robot poses -> (m, 3) poses, NaN where it is not there, and (m,) length walked."""
@@ -63,8 +63,7 @@ class Track:
             )
             chosen = steps[moving[leg]]
             yaw = np.arctan2(chosen[:, 1], chosen[:, 0])
-        if self.evades:
-            place = _pushed_away(place, robot)
+        place = _pushed_away(place, robot, self.clear_m)
         poses = np.column_stack([place, yaw])
         poses[(times_s < self.present_s[0]) | (times_s >= self.present_s[1])] = np.nan
         return poses, walked
@@ -91,11 +90,10 @@ def tracks(scenario: Scenario, drive: Drive) -> list[Track]:
     result = []
     for number, mover in enumerate(scenario.movers):
         draw = stream(scenario.seed, f"mover {number}")
-        ends = (mover.from_s, mover.to_s if mover.to_s is not None else math.inf)
+        present_s = (mover.from_s, mover.to_s if mover.to_s is not None else math.inf)
+        clear_m = _clearance_m(mover)
         for times, points in _ways(mover, scenario.world.routes, drive, draw):
-            result.append(
-                Track(mover.shape, mover.size_m, times, points, ends, not isinstance(mover, Follow | Block))
-            )
+            result.append(Track(mover.shape, mover.size_m, times, points, present_s, clear_m))
     return result
 
 
@@ -114,6 +112,13 @@ def shapes_at(all_tracks: Sequence[Track], times_s: F64, robot: F64, sees: str) 
         else:
             circles.append(_discs(_feet(poses, walked), _LEG_RADIUS_M))
     return MovingShapes(np.concatenate(segments, axis=1), np.concatenate(circles, axis=1))
+
+
+def _clearance_m(mover: Moving) -> float:
+    """How near to the robot a mover may come; who goes with the robot keeps its own distance."""
+    if isinstance(mover, Follow | Block):
+        return 0.0
+    return _CLEAR_M if mover.shape == "person" else math.hypot(*mover.size_m) / 2.0 + _CLEAR_M
 
 
 def _ways(
@@ -156,7 +161,7 @@ def _wander(
             neighbours.setdefault(there, []).append(here)
     crossings = sorted(neighbours)
     here = before = crossings[int(draw.integers(len(crossings)))]
-    side = draw.uniform(-0.4, 0.4, size=2)
+    side = _lane(mover, draw)
     speed = mover.speed_mps * float(draw.uniform(0.8, 1.2))
     times, points = [mover.from_s], [here]
     while times[-1] < end_s:
@@ -168,6 +173,13 @@ def _wander(
             times.append(times[-1] + float(draw.exponential(mover.pause_s)))
             points.append(here)
     return np.array(times), np.array(points) + side
+
+
+def _lane(mover: Wander, draw: np.random.Generator) -> F64:
+    """How far from the routes it keeps: people a little, carts so that the robot has room beside them."""
+    if mover.shape == "person":
+        return draw.uniform(-0.25, 0.25, size=2)
+    return draw.choice([-1.0, 1.0], size=2) * (mover.size_m[1] / 2.0 + 0.6)
 
 
 def _stand(mover: Stand, number: int, end_s: float, draw: np.random.Generator) -> tuple[F64, F64]:
@@ -200,15 +212,15 @@ def _with_robot(mover: Follow | Block, drive: Drive, draw: np.random.Generator) 
     return times, points
 
 
-def _pushed_away(place: F64, robot: F64) -> F64:
+def _pushed_away(place: F64, robot: F64, clear_m: float) -> F64:
     """Move points out of the circle that people keep clear of the robot."""
     offset = place - robot[:, :2]
     distance = np.linalg.norm(offset, axis=1)
-    close = distance < _KEEP_CLEAR_M
+    close = distance < clear_m
     if not close.any():
         return place
     outwards = np.where(distance[:, None] > 1e-6, offset / np.maximum(distance, 1e-6)[:, None], [1.0, 0.0])
-    return np.where(close[:, None], robot[:, :2] + _KEEP_CLEAR_M * outwards, place)
+    return np.where(close[:, None], robot[:, :2] + clear_m * outwards, place)
 
 
 def _feet(poses: F64, walked_m: F64) -> F64:

@@ -22,6 +22,7 @@ from dynmap_cli.simulation.scenario import Laser, Scenario
 from dynmap_cli.simulation.sensing import FIRST_OBJECT, MOVING, NO_RETURN, STATIC, bearings_of, measure
 from dynmap_cli.simulation.shapes import Shapes, shapes_of
 from dynmap_cli.simulation.true_map import draw_true_map
+from dynmap_cli.simulation.worlds import expand
 
 _SCANS_AT_ONCE = 512
 _PATH_STEP_S = 0.5
@@ -62,6 +63,8 @@ class SimulatedRun:
         Index of the state each object is in at the header stamp.
     objects : tuple of History
         All changes of state, doors first, then boxes.
+    shapes : Shapes
+        Walls, and objects in each of their states, in the axes of the world before it is turned.
     true_map : OccupancyGrid
         What never changes.
     """
@@ -73,6 +76,7 @@ class SimulatedRun:
     beam_class: np.ndarray[tuple[int, ...], np.dtype[np.int16]]
     object_states: I32
     objects: tuple[History, ...]
+    shapes: Shapes
     true_map: OccupancyGrid
 
 
@@ -96,9 +100,10 @@ def simulate(scenario: Scenario, tick: Tick = no_tick) -> SimulatedRun:
     tick : callable
         Told how many seconds of the recording were done.
     """
-    drive = plan_drive(scenario.robot)
-    objects = tuple(histories(scenario.world, drive, scenario.seed))
-    stage = _Stage(scenario, shapes_of(scenario.world), drive, objects, tracks(scenario, drive))
+    written_out = expand(scenario)
+    drive = plan_drive(written_out.robot)
+    objects = tuple(histories(written_out.world, drive, scenario.seed))
+    stage = _Stage(scenario, shapes_of(written_out.world), drive, objects, tracks(written_out, drive))
     times = [_sweep_times(laser, drive, number, scenario) for number, laser in enumerate(scenario.lasers)]
     geometry = np.concatenate([np.full(t.size, number, np.int32) for number, t in enumerate(times)])
     order = np.argsort(np.concatenate(times), kind="stable")
@@ -123,13 +128,14 @@ def simulate(scenario: Scenario, tick: Tick = no_tick) -> SimulatedRun:
         beam_class=classes,
         object_states=_states(objects, all_times),
         objects=objects,
+        shapes=stage.shapes,
         true_map=_true_map(stage),
     )
 
 
 def count_scans(scenario: Scenario) -> int:
     """How many sweeps a scenario will give."""
-    drive = plan_drive(scenario.robot)
+    drive = plan_drive(expand(scenario).robot)
     return sum(
         _sweep_times(laser, drive, number, scenario).size for number, laser in enumerate(scenario.lasers)
     )

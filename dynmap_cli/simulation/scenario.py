@@ -109,7 +109,7 @@ class Door(Changing):
     states: dict[str, float] = Field(
         {"closed": 0.0, "open": 90.0},
         min_length=2,
-        description="Hinged: angle in degrees, counter-clockwise; sliding: percent of the width pushed past the hinge.",
+        description="Hinged: degrees, counter-clockwise; sliding: percent of the width inside the wall at the hinge.",
     )
 
     @property
@@ -155,6 +155,22 @@ class World(Part):
             msg = f"two objects are called '{twice[0]}'; give each its own name"
             raise ValueError(msg)
         return self
+
+
+class Generate(Part):
+    """A world drawn from a seed, added to what is listed."""
+
+    kind: Literal["office", "warehouse", "home", "crowd", "car_park"]
+    size_m: tuple[Positive, Positive] | None = Field(
+        None, description="Length and width; null = as usual for its kind."
+    )
+    seed: int | None = Field(None, ge=0, description="Seed of the building; null = that of the scenario.")
+    door_share: Share = Field(0.6, description="Share of the doorways that have a door.")
+    boxes: int = Field(4, ge=0, description="How many boxes, pallets, chairs or cars come, go or move.")
+    changes: Process = Field(Process(mean_s=300.0), description="When doors and boxes change.")
+    people: int = Field(3, ge=0, description="How many people wander about.")
+    talking: int = Field(0, ge=0, description="How many groups stand and talk for a while.")
+    carts: int = Field(0, ge=0, description="How many carts (in the car park: cars) drive about.")
 
 
 class Moving(Part):
@@ -228,8 +244,13 @@ def _step_from_point(value: Any) -> Any:
 class Robot(Part):
     """How the robot drives."""
 
-    path: tuple[Annotated[Step, BeforeValidator(_step_from_point)], ...] = Field(min_length=1)
-    repeat: int = Field(1, ge=1, description="How often the path is driven.")
+    path: tuple[Annotated[Step, BeforeValidator(_step_from_point)], ...] = Field(
+        (), description="Empty in a generated world: then each visit takes its own way."
+    )
+    repeat: int = Field(1, ge=1, description="Visits on a day: how often the path is driven.")
+    pause_s: NotNegative = Field(0.0, description="Time between two visits, switched off.")
+    days: int = Field(1, ge=1)
+    night_s: NotNegative = Field(57_600.0, description="Time between two days, switched off.")
     speed_mps: Positive = 0.8
     turn_rate_degps: Positive = 60.0
     corner_m: NotNegative = Field(0.5, description="Length by which corners are cut; 0 = turn on the spot.")
@@ -237,7 +258,7 @@ class Robot(Part):
     @model_validator(mode="after")
     def _check_path(self) -> Robot:
         """The first step says where the robot starts."""
-        if self.path[0].to is None:
+        if self.path and self.path[0].to is None:
             msg = "the first step of the path must be a place [x, y]: there the robot starts"
             raise ValueError(msg)
         return self
@@ -306,17 +327,25 @@ class Scenario(Part):
     start: AwareDatetime = datetime(2026, 3, 2, 8, 0, tzinfo=UTC)
     turn_deg: float = Field(0.0, description="Turn of the whole world against the axes of the map.")
     world: World = World()
+    generate: Generate | None = Field(
+        None, description="A world to be drawn from the seed, and visits in it."
+    )
     movers: tuple[Mover, ...] = ()
-    robot: Robot
+    robot: Robot = Robot()
     lasers: tuple[Laser, ...] = Field((Laser(),), min_length=1)
     odometry: Odometry | None = Field(Odometry(), description="null = none.")
     map_resolution_m: Positive = Field(0.05, description="Cell of the true map.")
 
     @model_validator(mode="after")
     def _check_parts(self) -> Scenario:
-        """Laser names differ; wanderers have routes."""
+        """Laser names differ; there are a path, and routes for wanderers, unless they are generated."""
         if len({laser.name for laser in self.lasers}) < len(self.lasers):
             msg = "two lasers have the same name; give each its own"
+            raise ValueError(msg)
+        if self.generate is not None:
+            return self
+        if not self.robot.path:
+            msg = "robot.path is missing: list places [x, y], or let a world be generated"
             raise ValueError(msg)
         if any(isinstance(mover, Wander) for mover in self.movers) and not self.world.routes:
             msg = "wanderers need world.routes to go along"

@@ -63,13 +63,13 @@ def measure(
 
 def _mix_edges(ranges: F64, classes: I32, share: float, draw: np.random.Generator) -> None:
     """Let some beams at the edge of a nearer surface end between it and the farther one."""
-    step = np.diff(ranges, axis=1)
-    edges = np.isfinite(step) & (np.abs(step) > _EDGE_M)
+    ended = np.isfinite(ranges)
+    step = np.diff(np.where(ended, ranges, 0.0), axis=1)
+    edges = ended[:, :-1] & ended[:, 1:] & (np.abs(step) > _EDGE_M)
     chosen = np.zeros(ranges.shape, dtype=bool)
     chosen[:, :-1] = edges & (draw.random(edges.shape) < share)
     between = draw.random(ranges.shape)
-    following = np.roll(ranges, -1, axis=1)
-    ranges[chosen] += between[chosen] * (following - ranges)[chosen]
+    ranges[chosen] += between[chosen] * step[chosen[:, :-1]]
     classes[chosen] = MIXED
 
 

@@ -139,12 +139,11 @@ def _leaf(door: Door, position: float) -> list[Point]:
     width, heading = math.hypot(*across), math.atan2(across[1], across[0])
     if door.kind == "hinged":
         heading += math.radians(position)
-        middle = width / 2.0
     else:
-        middle = width / 2.0 - width * position / 100.0
+        width *= max(1.0 - position / 100.0, 0.0)
     center = (
-        door.hinge[0] + middle * math.cos(heading),
-        door.hinge[1] + middle * math.sin(heading),
+        door.hinge[0] + 0.5 * width * math.cos(heading),
+        door.hinge[1] + 0.5 * width * math.sin(heading),
         heading,
     )
     corners = rectangle(center, (width, LEAF_THICKNESS_M))

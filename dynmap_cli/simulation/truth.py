@@ -14,7 +14,7 @@ from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.trajectory import format_stamp, write_tum
 from dynmap_cli.simulation.run import SimulatedRun
 from dynmap_cli.simulation.sensing import FIRST_OBJECT, MIXED, MOVING, NO_RETURN, STATIC
-from dynmap_cli.simulation.shapes import Shapes, shapes_of
+from dynmap_cli.simulation.shapes import Shapes
 
 CLASSES = {
     "static": STATIC,
@@ -86,14 +86,13 @@ def summarize(run: SimulatedRun) -> dict[str, Any]:
 
 def _record(run: SimulatedRun) -> dict[str, Any]:
     """What truth.json says: codes, objects with their places in the map frame, and the scenario itself."""
-    shapes = shapes_of(run.scenario.world)
     turn_rad = math.radians(run.scenario.turn_deg)
     objects = [
         {
             "name": thing.name,
             "class": FIRST_OBJECT + number,
             "states": list(thing.state_names),
-            "bounds_m": _bounds(shapes, number, turn_rad),
+            "bounds_m": _bounds(run.shapes, number, turn_rad),
         }
         for number, thing in enumerate(run.objects)
     ]
