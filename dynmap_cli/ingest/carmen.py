@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.domain.poses import between
+from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.files.trajectory import parse_stamp
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
@@ -142,7 +142,8 @@ class _Reader:
             laser.robot_from_sensor = mounting(poses[:, 3:6], poses[:, 0:3])
             if laser.robot_from_sensor is None:
                 self.recording.warnings.append(
-                    f"{word}: laser and robot pose differ by no fixed amount in the lines of the log"
+                    f"{word}: laser and robot pose of a line differ by no fixed amount, as in logs whose first pose "
+                    "was corrected; the second one is used"
                 )
         replace_lost_stamps(self.recording)
 
@@ -212,6 +213,7 @@ def flaser_shape(n_beams: int) -> ScanShape:
 def mounting(robots: F64, lasers: F64) -> F64 | None:
     """robot_from_sensor (3,) from poses of robot and laser (n, 3); None where it is not fixed."""
     offsets = between(robots, lasers)
+    offsets[:, 2] = offsets[0, 2] + wrap_angle(offsets[:, 2] - offsets[0, 2])
     middle = np.median(offsets, axis=0)
     spread = np.abs(offsets - middle)
     if np.quantile(spread[:, :2], 0.95) > _FLICKER_M or np.quantile(spread[:, 2], 0.95) > _FLICKER_RAD:

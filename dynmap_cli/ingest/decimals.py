@@ -46,7 +46,7 @@ def parse_decimals(text: bytes) -> F64:
         decimals += is_digit & after_dot
         after_dot |= is_dot
         dots += is_dot
-    if (dots > 1).any() or (dots + 0 == ends - starts).any():
+    if (dots > 1).any() or (dots == ends - starts).any():
         msg = "not a number"
         raise ValueError(msg)
     return np.asarray(whole / 10.0**decimals)
@@ -58,6 +58,6 @@ def parse_numbers(text: bytes) -> F64:
         warnings.simplefilter("error", DeprecationWarning)
         try:
             return np.fromstring(text, dtype=np.float64, sep=" ")
-        except DeprecationWarning as err:
+        except (ValueError, DeprecationWarning) as err:
             msg = "not a number"
             raise ValueError(msg) from err

@@ -93,7 +93,7 @@ def _below_odometry(tree: FrameTree, sensor: str, settings: IngestSettings) -> s
     """The frame next to the odometry frame on the way to a sensor."""
     odom = odom_frame_of(tree, settings)
     steps = tree.path(odom, sensor) if odom else None
-    return steps[1] if steps and len(steps) > 1 else None
+    return steps[1] if odom and steps and len(steps) > 1 and (odom, steps[1]) in tree.edges else None
 
 
 def _last(frame: str) -> str:
@@ -134,6 +134,11 @@ def find_odometry(
         return _as_wished(recording.name, candidates, recording, base, tree, stamps_ns, settings.odom)
     if not candidates:
         return Odometry("none", "the recording holds no odometry", unknown, 0.0, tuple(rejected))
+    apart = [found for found in candidates if _cover(found.poses) == 0.0]
+    rejected += [f"{found.source} (its times are not those of the scans)" for found in apart]
+    candidates = [found for found in candidates if _cover(found.poses) > 0.0]
+    if not candidates:
+        return Odometry("none", "no odometry has the times of the scans", unknown, 0.0, tuple(rejected))
     moving = [found for found in candidates if _path_m(found.poses) >= _LEAST_PATH_M]
     covering = [found for found in moving if _cover(found.poses) >= _LEAST_COVER]
     chosen = (covering or moving or candidates)[0]

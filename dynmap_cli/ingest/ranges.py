@@ -25,8 +25,8 @@ from dynmap_cli.arrays import F32
 Policy = Literal["auto", "free", "ignore"]
 
 _CODE_WINDOW, _GAP_WINDOW = 0.99, 0.9
-_CODE_EXCESS = 10
-_LEAST_CODES = 10
+_CODE_EXCESS, _CODE_SHARE = 3.0, 0.9
+_LEAST_CODES, _MOST_CODES = 10, 5
 _NEAR_REACH = 0.8
 _FARTHEST_QUANTILE = 0.999
 _SAMPLE_BEAMS = 2_000_000
@@ -61,16 +61,20 @@ class NoReturn:
 def find_reach_m(ranges_m: F32) -> float:
     """Where returns end and the codes of a driver begin, for a sensor whose reach the recording does not state.
 
-    The largest value is a code if values within 1 % of it are ten times as frequent as those in the 9 % below; else
-    the reach lies just above the largest value.
+    The values within 1 % of the largest are codes if five of them at most make up nine tenths of these beams, and
+    they are three times as frequent as values per percent of distance are below (90 to 99 % of the largest). A wall
+    scatters more. Without codes the reach lies just above the largest value.
     """
     finite = ranges_m[np.isfinite(ranges_m)]
     largest = float(finite.max(initial=0.0))
     if largest <= 0.0:
         return float("inf")
-    codes = int(np.count_nonzero(finite >= _CODE_WINDOW * largest))
-    below = int(np.count_nonzero(finite >= _GAP_WINDOW * largest)) - codes
-    if codes >= max(_LEAST_CODES, _CODE_EXCESS * below):
+    top = finite[finite >= _CODE_WINDOW * largest]
+    _, counts = np.unique(np.round(top, 3), return_counts=True)
+    codes = int(np.sort(counts)[-_MOST_CODES:].sum())
+    below = np.count_nonzero(finite >= _GAP_WINDOW * largest) - top.size
+    per_percent = below / (100.0 * (_CODE_WINDOW - _GAP_WINDOW))
+    if codes >= max(_LEAST_CODES, _CODE_EXCESS * per_percent) and codes >= _CODE_SHARE * top.size:
         return _CODE_WINDOW * largest
     return float(np.nextafter(np.float32(largest), np.float32(np.inf)))
 

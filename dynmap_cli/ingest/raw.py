@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 
@@ -80,6 +81,11 @@ class RawLaser:
         self.shapes.append(shape)
         self.beam_interval_s.append(beam_interval_s)
         self.recording.append(0)
+
+    def keep(self, wanted: Sequence[bool]) -> None:
+        """Forget all other sweeps."""
+        for name in ("stamps_ns", "logged_ns", "ranges_m", "shapes", "beam_interval_s", "recording"):
+            setattr(self, name, list(compress(getattr(self, name), wanted)))
 
     @property
     def n_scans(self) -> int:

@@ -146,8 +146,9 @@ def _mounting_of(choice: LaserChoice, settings: IngestSettings, joined: RawRecor
     if choice.view.mounting is not None:
         return choice.view.mounting
     laser = choice.view.laser
+    frame = f"frame '{laser.frame}'" if laser.frame else "the laser"
     joined.warnings.append(
-        f"{laser.name}: the recording does not say where frame '{laser.frame}' sits on the robot; "
+        f"{laser.name}: the recording does not say where {frame} sits on the robot; "
         "taken to be its centre. Pass --laser-pose X,Y,YAW"
     )
     return _IDENTITY

@@ -51,6 +51,7 @@ def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
         elif message.msgtype in TRANSFORM_TYPES:
             _take_transforms(recording, message)
     _clean_transforms(recording)
+    _mend_stamps(recording)
 
 
 def plain_frame(frame: str) -> str:
@@ -168,3 +169,17 @@ def _clean_transforms(recording: RawRecording) -> None:
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
         kept.stamps_ns += [stamp for stamp, good in zip(raw.stamps_ns, is_pose, strict=True) if good]
         kept.values += [value for value, good in zip(raw.values, is_pose, strict=True) if good]
+
+
+def _mend_stamps(recording: RawRecording) -> None:
+    """Where a driver never stamped its messages take the time of recording; single ones without a stamp go."""
+    for laser in recording.lasers.values():
+        unstamped = laser.stamps_ns.count(0)
+        if unstamped == laser.n_scans:
+            laser.stamps_ns = list(laser.logged_ns)
+            recording.warnings.append(
+                f"{laser.name}: no scan has a time stamp; the times of recording are used, they come later"
+            )
+        elif unstamped:
+            laser.keep([stamp != 0 for stamp in laser.stamps_ns])
+            recording.dropped[f"scan on {laser.name} without a time stamp"] += unstamped
