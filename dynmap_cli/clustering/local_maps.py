@@ -72,8 +72,7 @@ def build_local_maps(
     is_mixed = np.zeros(len(sequences), dtype=bool)
     if not sequences:
         return LocalMaps(states, reflectance, is_mixed)
-    everything = np.concatenate(sequences)
-    surface = surface_cells(log.select(everything), poses[everything], frame, evidence)
+    surface = surface_cells(log, poses, frame, sequences, evidence)
     rows, cols = surface.cells[:, 0], surface.cells[:, 1]
     for number, scans in enumerate(sequences):
         part, part_poses = log.select(scans), poses[scans]

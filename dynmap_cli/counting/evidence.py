@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from scipy import ndimage
 
-from dynmap_cli.arrays import F64, I8, I32, I64
+from dynmap_cli.arrays import F32, F64, I8, I32, I64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.regions import add_evidence, add_hit_moments, judge_cells, surface_normals
 
+Beams: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, float, float, float]
 _NORMAL_RADIUS_M, _MAX_SPREAD_RATIO = 0.15, 0.3
 
 
@@ -47,7 +51,7 @@ class EvidenceParams:
 
 @dataclass(frozen=True, slots=True)
 class SurfaceCells:
-    """The cells in which beams ended, numbered; others can never be contradicted.
+    """The cells that may have been occupied at some time, numbered; others can never be contradicted.
 
     Attributes
     ----------
@@ -55,9 +59,9 @@ class SurfaceCells:
     cells : (n, 2) int64
         Row and column of each.
     index : (rows, cols) int32
-        Number of each cell, -1 where no beam ended.
+        Number of each cell, -1 elsewhere.
     neighbours : (n, k) int32
-        Numbers of the cells around each and its own, -1 = no beam ended there.
+        Numbers of the cells around each and its own; -1 = none of them.
     normals : (n, 2) float64
         Normal of the line of hits around each, (0, 0) = no line.
     """
@@ -69,8 +73,10 @@ class SurfaceCells:
     normals: F64
 
 
-def surface_cells(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) -> SurfaceCells:
-    """Number the cells of a frame in which beams ended, and find the surface in each.
+def surface_cells(
+    log: ScanLog, poses: F64, frame: GridFrame, windows: Sequence[slice | I64], params: EvidenceParams
+) -> SurfaceCells:
+    """Number the cells of a frame that have hits enough in some window, with the hit cells around them.
 
     Parameters
     ----------
@@ -78,13 +84,33 @@ def surface_cells(log: ScanLog, poses: F64, frame: GridFrame, params: EvidencePa
     poses : (n_scans, 3) float64
         map_from_robot; scans with NaN are left out.
     frame : GridFrame
+    windows : sequence of slice or (n,) int64
+        Scans of each time window.
     params : EvidenceParams
     """
-    rays = rays_of(log, params.max_range_m)
     hits, offset_x, offset_y = (np.zeros(frame.shape) for _ in range(3))
+    last_window = np.full(frame.shape, -1, dtype=np.int32)
+    window_hits, most_hits = (np.zeros(frame.shape, dtype=np.int32) for _ in range(2))
+    for number, window in enumerate(windows):
+        for beams in _chunks(log.select(window), poses[window], frame, params.max_range_m):
+            add_hit_moments(*beams, number, hits, offset_x, offset_y, last_window, window_hits, most_hits)
+    size = 2 * params.support_cells + 1
+    near_candidates = ndimage.maximum_filter(most_hits >= params.occupied_hits, size=size, mode="constant")
+    cells = np.ascontiguousarray(np.argwhere((hits > 0) & near_candidates).astype(np.int64))
+    index = np.full(frame.shape, -1, dtype=np.int32)
+    index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
+    normals = np.empty((cells.shape[0], 2))
+    radius = max(1, round(_NORMAL_RADIUS_M / frame.resolution_m))
+    surface_normals(cells, hits, offset_x, offset_y, radius, _MAX_SPREAD_RATIO, normals)
+    return SurfaceCells(frame, cells, index, _neighbours(cells, index, params.support_cells), normals)
+
+
+def _chunks(log: ScanLog, poses: F64, frame: GridFrame, max_range_m: float) -> Iterator[Beams]:
+    """What the kernels want to know of the beams, some scans at a time."""
+    rays = rays_of(log, max_range_m)
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
-        add_hit_moments(
+        yield (
             np.array(log.ranges_m[part]),
             np.array(log.geometry_index[part]),
             rays.directions,
@@ -94,17 +120,7 @@ def surface_cells(log: ScanLog, poses: F64, frame: GridFrame, params: EvidencePa
             frame.resolution_m,
             frame.origin_x_m,
             frame.origin_y_m,
-            hits,
-            offset_x,
-            offset_y,
         )
-    cells = np.ascontiguousarray(np.argwhere(hits > 0).astype(np.int64))
-    index = np.full(frame.shape, -1, dtype=np.int32)
-    index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
-    normals = np.empty((cells.shape[0], 2))
-    radius = max(1, round(_NORMAL_RADIUS_M / frame.resolution_m))
-    surface_normals(cells, hits, offset_x, offset_y, radius, _MAX_SPREAD_RATIO, normals)
-    return SurfaceCells(frame, cells, index, _neighbours(cells, index, params.support_cells), normals)
 
 
 def _neighbours(cells: I64, index: I32, reach: int) -> I32:
@@ -126,22 +142,14 @@ class Evidence:
 
     def add(self, log: ScanLog, poses: F64) -> None:
         """Add scans with their poses map_from_robot, (n_scans, 3)."""
-        rays, frame = rays_of(log, self.params.max_range_m), self.surface.frame
-        for first in range(0, log.n_scans, SCANS_PER_CHUNK):
-            part = slice(first, first + SCANS_PER_CHUNK)
+        sine = float(np.sin(self.params.min_crossing_rad))
+        for beams in _chunks(log, poses, self.surface.frame, self.params.max_range_m):
             self._n_touched = add_evidence(
-                np.array(log.ranges_m[part]),
-                np.array(log.geometry_index[part]),
-                rays.directions,
-                rays.sensor_poses,
-                rays.usable_m,
-                np.array(poses[part], dtype=np.float64),
-                frame.resolution_m,
-                frame.origin_x_m,
-                frame.origin_y_m,
-                self.surface.index,
+                *beams,
+                self.surface.index.ravel(),
+                *self.surface.frame.shape,
                 self.surface.normals,
-                float(np.sin(self.params.min_crossing_rad)),
+                sine,
                 self.params.beyond_m,
                 self.hits,
                 self.crossed,

@@ -25,7 +25,7 @@ class SubMap:
     contested : (rows, cols) bool
         Cells that were seen occupied and free at different times, and belong to this sub-map.
     owned : (rows, cols) bool
-        Cells that are nearer to these contested cells than to those of any other sub-map.
+        Cells that are nearer to these contested cells than to those of the rectangles that overlap.
     area_m2 : float
         Area of the rectangle.
     """

@@ -19,11 +19,15 @@ def add_hit_moments(
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
+    window: int,
     hits: F64,
     offset_x: F64,
     offset_y: F64,
+    last_window: I32,
+    window_hits: I32,
+    most_hits: I32,
 ) -> None:
-    """Add the end points of scans: how many lie in each cell, and the sums of their places.
+    """Add the end points of the scans of a window: how many lie in each cell, and the sums of their places.
 
     Parameters
     ----------
@@ -40,8 +44,14 @@ def add_hit_moments(
         map_from_robot; rows with NaN are skipped.
     resolution_m, origin_x_m, origin_y_m : float
         Frame of the grid.
+    window : int
+        Number of the window; one after the other, from 0.
     hits, offset_x, offset_y : (rows, cols) float64
         Number of end points, and the sums of their offsets from the corner of the cell, cells.
+    last_window : (rows, cols) int32
+        Last window in which a beam ended in the cell, -1 = none.
+    window_hits, most_hits : (rows, cols) int32
+        End points in the cell in that window, and in the window that has most of them.
     """
     rows, cols = hits.shape
     for scan in range(ranges_m.shape[0]):
@@ -65,6 +75,11 @@ def add_hit_moments(
                 hits[row, col] += 1.0
                 offset_x[row, col] += x - col
                 offset_y[row, col] += y - row
+                if last_window[row, col] != window:
+                    last_window[row, col] = window
+                    window_hits[row, col] = 0
+                window_hits[row, col] += 1
+                most_hits[row, col] = max(most_hits[row, col], window_hits[row, col])
 
 
 @kernel
@@ -132,6 +147,8 @@ def add_evidence(
     origin_x_m: float,
     origin_y_m: float,
     index: I32,
+    rows: int,
+    cols: int,
     normals: F64,
     min_crossing_sine: float,
     beyond_m: float,
@@ -150,8 +167,9 @@ def add_evidence(
     ----------
     ranges_m, geometry_index, directions, sensor_poses, usable_m, poses, resolution_m, origin_x_m, origin_y_m
         As in `add_hit_moments`.
-    index : (rows, cols) int32
-        Number of each cell of interest, -1 for the others.
+    index : (rows * cols,) int32
+        Number of each cell of interest, row by row; -1 for the others.
+    rows, cols : int
     normals : (n, 2) float64
         Normal of the surface in each cell of interest, (0, 0) = none.
     min_crossing_sine : float
@@ -169,7 +187,6 @@ def add_evidence(
     int
         The new `n_touched`.
     """
-    rows, cols = index.shape
     beyond = beyond_m / resolution_m
     for scan in range(ranges_m.shape[0]):
         geometry, yaw = geometry_index[scan], poses[scan, 2]
@@ -190,7 +207,7 @@ def add_evidence(
                 length = distance / resolution_m
                 x, y = x0 + length * dx, y0 + length * dy
                 if 0.0 <= x < cols and 0.0 <= y < rows:
-                    cell = index[int(y), int(x)]
+                    cell = index[int(y) * cols + int(x)]
                     if cell >= 0:
                         if hits[cell] == 0.0 and crossed[cell] == 0.0:
                             touched[n_touched] = cell
@@ -213,37 +230,36 @@ def add_evidence(
                 continue
             if stop <= start:
                 continue
-            col = min(max(int(math.floor(x0 + start * dx)), 0), cols - 1)
-            row = min(max(int(math.floor(y0 + start * dy)), 0), rows - 1)
-            step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+            # The walk has no branch but the one for cells of interest: a wrong guess costs more than a step.
+            col = min(max(int(x0 + start * dx), 0), cols - 1)
+            row = min(max(int(y0 + start * dy), 0), rows - 1)
+            end_col = min(max(int(x0 + stop * dx), 0), cols - 1)
+            end_row = min(max(int(y0 + stop * dy), 0), rows - 1)
+            step_col, step_row = (1 if dx > 0 else -1), (cols if dy > 0 else -cols)
             next_x = ((col + (dx > 0)) - x0) / dx if dx != 0.0 else math.inf
             next_y = ((row + (dy > 0)) - y0) / dy if dy != 0.0 else math.inf
-            delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
-            delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
-            at = start
-            while True:
+            delta_x = abs(1.0 / dx) if dx != 0.0 else 0.0
+            delta_y = abs(1.0 / dy) if dy != 0.0 else 0.0
+            at, flat = start, row * cols + col
+            for _ in range(abs(end_col - col) + abs(end_row - row) + 1):
+                if flat < 0 or flat >= index.size:
+                    break
                 leaving = min(next_x, next_y)
-                cell = index[row, col]
+                cell = index[flat]
                 if cell >= 0:
                     nx, ny = normals[cell, 0], normals[cell, 1]
-                    if abs(dx * nx + dy * ny) >= min_crossing_sine or (nx == 0.0 and ny == 0.0):
-                        passed = min(leaving, stop) - at
-                        if passed > 0.0:
-                            if hits[cell] == 0.0 and crossed[cell] == 0.0:
-                                touched[n_touched] = cell
-                                n_touched += 1
-                            crossed[cell] += passed
-                if leaving >= stop:
-                    break
-                at = max(leaving, at)
-                if next_x < next_y:
-                    col += step_col
-                    next_x += delta_x
-                else:
-                    row += step_row
-                    next_y += delta_y
-                if not (0 <= row < rows and 0 <= col < cols):
-                    break
+                    passed = min(leaving, stop) - at
+                    is_crossing = abs(dx * nx + dy * ny) >= min_crossing_sine or (nx == 0.0 and ny == 0.0)
+                    if is_crossing and passed > 1e-9:
+                        if hits[cell] == 0.0 and crossed[cell] == 0.0:
+                            touched[n_touched] = cell
+                            n_touched += 1
+                        crossed[cell] += passed
+                at = leaving
+                is_x = next_x < next_y
+                flat += step_col if is_x else step_row
+                next_x += delta_x if is_x else 0.0
+                next_y += 0.0 if is_x else delta_y
     return n_touched
 
 
@@ -269,7 +285,7 @@ def judge_cells(
     ----------
     hits, crossed : (n,) float64
     neighbours : (n, k) int32
-        Numbers of the cells around each cell and its own, -1 = a cell in which no beam ever ended.
+        Numbers of the cells around each cell and its own, -1 = a cell that no beam ended in.
     touched : (n,) int64
     n_touched : int
     occupied_share, free_share : float

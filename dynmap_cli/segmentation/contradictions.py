@@ -80,10 +80,10 @@ def find_contradictions(
     params : EvidenceParams
     on_window : Tick
     """
-    surface = surface_cells(log, poses, frame, params)
+    windows = time_windows(log, window_s)
+    surface = surface_cells(log, poses, frame, windows, params)
     occupied, free = (np.zeros(surface.cells.shape[0], dtype=np.int64) for _ in range(2))
     evidence = Evidence(surface, params)
-    windows = time_windows(log, window_s)
     for window in windows:
         evidence.add(log.select(window), poses[window])
         seen, states = evidence.judge()

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from dynmap_cli.arrays import B1, I8, I32, I64
+from dynmap_cli.arrays import B1, I8, I64
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.kernels.regions import segment_is_blocked
@@ -55,6 +55,11 @@ class Box:
     def area(self) -> int:
         """Number of cells."""
         return (self.row_end - self.row) * (self.col_end - self.col)
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns, to cut it out of the whole map."""
+        return slice(self.row, self.row_end), slice(self.col, self.col_end)
 
     def union(self, other: Box) -> Box:
         """Smallest box around both."""
@@ -160,10 +165,11 @@ def merge_regions(components: list[I64], standing: I8, params: RegionParams) -> 
             continue
         boxes[next_id] = boxes[a].union(boxes[b])
         members[next_id] = members.pop(a) + members.pop(b)
-        both = partners.pop(a) & partners.pop(b)
-        partners[next_id] = {k for k in both if boxes[next_id].union(boxes[k]).area <= params.max_area}
-        for k in partners:
+        of_a, of_b = partners.pop(a), partners.pop(b)
+        for k in (of_a | of_b) - {a, b}:
             partners[k] -= {a, b}
+        both = (of_a & of_b) - {a, b}
+        partners[next_id] = {k for k in both if boxes[next_id].union(boxes[k]).area <= params.max_area}
         for k in sorted(partners[next_id]):
             partners[k].add(next_id)
             for entry in _offer(boxes, next_id, k):
@@ -186,9 +192,11 @@ def _partners(
         return partners
     centroids = np.array([cells.mean(axis=0) for cells in components])
     trees = [cKDTree(cells) for cells in components]
-    for a, b in sorted(cKDTree(centroids).query_pairs(params.reach)):
-        if boxes[a].union(boxes[b]).area > params.max_area:
-            continue
+    pairs = cKDTree(centroids).query_pairs(params.reach, output_type="ndarray")
+    corners = np.array([[box.row, box.col, box.row_end, box.col_end] for box in boxes.values()])
+    low = np.minimum(corners[pairs[:, 0], :2], corners[pairs[:, 1], :2])
+    high = np.maximum(corners[pairs[:, 0], 2:], corners[pairs[:, 1], 2:])
+    for a, b in pairs[(high - low).prod(axis=1) <= params.max_area].tolist():
         gaps, nearest = trees[b].query(components[a])
         at = int(np.argmin(gaps))
         ends = (
@@ -206,30 +214,36 @@ def _partners(
 def make_submaps(groups: list[I64], frame: GridFrame, margin: int) -> tuple[SubMap, ...]:
     """Rectangles around groups of contested cells (n, 2), from the lowest y to the highest.
 
-    A cell that lies in several rectangles is owned by the sub-map whose contested cells are nearest.
+    A cell that lies in several rectangles is owned by the one of them whose contested cells are nearest.
     """
     boxes = [_clipped(box_around(cells, margin), frame) for cells in groups]
     order = sorted(range(len(groups)), key=lambda k: (boxes[k].row, boxes[k].col, boxes[k].area))
-    owner = np.full(frame.shape, -1, dtype=np.int32)
+    nearest, owner = np.full(frame.shape, np.inf), np.full(frame.shape, -1, dtype=np.int32)
     for number, k in enumerate(order):
-        owner[groups[k][:, 0], groups[k][:, 1]] = number
-    return tuple(_submap(number, boxes[k], frame, owner) for number, k in enumerate(order))
-
-
-def _submap(number: int, box: Box, frame: GridFrame, owner: I32) -> SubMap:
-    """One sub-map, given which sub-map each contested cell of the whole map belongs to (-1 = none)."""
-    local = owner[box.row : box.row_end, box.col : box.col_end]
-    nearest = ndimage.distance_transform_edt(local < 0, return_distances=False, return_indices=True)
-    rectangle = frame.window(box.row, box.col, *local.shape)
-    return SubMap(
-        submap_id=number,
-        frame=rectangle,
-        row=box.row,
-        col=box.col,
-        contested=local == number,
-        owned=local[tuple(nearest)] == number,
-        area_m2=box.area * frame.resolution_m**2,
+        window = boxes[k].window
+        distance = ndimage.distance_transform_edt(~_contested(groups[k], boxes[k]))
+        nearer = distance < nearest[window]
+        nearest[window][nearer] = distance[nearer]
+        owner[window][nearer] = number
+    return tuple(
+        SubMap(
+            submap_id=number,
+            frame=frame.window(boxes[k].row, boxes[k].col, *owner[boxes[k].window].shape),
+            row=boxes[k].row,
+            col=boxes[k].col,
+            contested=_contested(groups[k], boxes[k]),
+            owned=owner[boxes[k].window] == number,
+            area_m2=boxes[k].area * frame.resolution_m**2,
+        )
+        for number, k in enumerate(order)
     )
+
+
+def _contested(cells: I64, box: Box) -> B1:
+    """Cells (n, 2) of the whole map as a mask of the box."""
+    mask = np.zeros((box.row_end - box.row, box.col_end - box.col), dtype=bool)
+    mask[cells[:, 0] - box.row, cells[:, 1] - box.col] = True
+    return mask
 
 
 def _clipped(box: Box, frame: GridFrame) -> Box:
