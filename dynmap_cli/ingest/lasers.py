@@ -160,8 +160,8 @@ def _verdict(view: LaserView, best: LaserView) -> LaserChoice:
         return LaserChoice(view, False, f"sees less than {best.laser.name} and is of another kind")
     if view.mounting is None or best.mounting is None:
         return LaserChoice(view, False, "its pose on the robot is not known")
-    if view.score < _LEAST_SHARE * best.score:
-        return LaserChoice(view, False, f"sees less than half of what {best.laser.name} sees")
+    if view.laser.n_scans < _LEAST_SHARE * best.laser.n_scans:
+        return LaserChoice(view, False, f"has less than half the scans of {best.laser.name}")
     return LaserChoice(view, True, f"of the same kind as {best.laser.name}, merged")
 
 

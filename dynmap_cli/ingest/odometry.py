@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -29,7 +29,7 @@ _TRUTH_WORDS = (
 )
 _LEAST_COVER = 0.9
 _LEAST_PATH_M = 0.02
-_MOST_CUT = 0.05
+_MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _NONE_WORDS = "none"
 
 
@@ -44,8 +44,8 @@ class Odometry:
     why : str
     poses : (n, 3) float64
         odom_from_robot at each asked time; NaN where unknown.
-    longest_gap_s : float
-        Longest pause of the source itself.
+    longest_gap_s, path_m : float
+        Longest pause, and distance driven in the order of recording, of the source itself.
     rejected : tuple of str
         Sources that were left out, each with the reason.
     """
@@ -54,6 +54,7 @@ class Odometry:
     why: str
     poses: F64
     longest_gap_s: float
+    path_m: float
     rejected: tuple[str, ...] = ()
 
 
@@ -128,17 +129,17 @@ def find_odometry(
     """
     unknown = np.full((stamps_ns.size, 3), np.nan)
     if settings.odom == _NONE_WORDS:
-        return Odometry("none", "as set", unknown, 0.0)
+        return Odometry("none", "as set", unknown, 0.0, 0.0)
     candidates, rejected = _candidates(recording, tree, base, lasers, stamps_ns, settings)
     if settings.odom is not None:
         return _as_wished(recording.name, candidates, recording, base, tree, stamps_ns, settings.odom)
     if not candidates:
-        return Odometry("none", "the recording holds no odometry", unknown, 0.0, tuple(rejected))
+        return Odometry("none", "the recording holds no odometry", unknown, 0.0, 0.0, tuple(rejected))
     apart = [found for found in candidates if _cover(found.poses) == 0.0]
     rejected += [f"{found.source} (its times are not those of the scans)" for found in apart]
     candidates = [found for found in candidates if _cover(found.poses) > 0.0]
     if not candidates:
-        return Odometry("none", "no odometry has the times of the scans", unknown, 0.0, tuple(rejected))
+        return Odometry("none", "no odometry has the times of the scans", unknown, 0.0, 0.0, tuple(rejected))
     moving = [found for found in candidates if _path_m(found.poses) >= _LEAST_PATH_M]
     covering = [found for found in moving if _cover(found.poses) >= _LEAST_COVER]
     chosen = (covering or moving or candidates)[0]
@@ -147,7 +148,7 @@ def find_odometry(
     for other in candidates:
         if other is not chosen:
             rejected.append(f"{other.source} ({_why_not(other, chosen)})")
-    return Odometry(chosen.source, chosen.why, chosen.poses, chosen.longest_gap_s, tuple(rejected))
+    return replace(chosen, rejected=tuple(rejected))
 
 
 def _why_not(other: Odometry, chosen: Odometry) -> str:
@@ -198,8 +199,11 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
         float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9
         for edge in (tree.edge_between(a, b) for a, b in pairwise(steps))
     ]
+    flat = planar(poses)
+    known = flat[np.isfinite(flat).all(axis=1)]
+    path_m = path_length_m(known)
     return Odometry(
-        f"tf {odom} -> {base}", "transforms of the odometry frame", planar(poses), max(gaps, default=0.0)
+        f"tf {odom} -> {base}", "transforms of the odometry frame", flat, max(gaps, default=0.0), path_m
     )
 
 
@@ -214,7 +218,13 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
         else:
             why = f"odometry messages; '{track.child}' taken to be '{base}'"
     gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
-    return Odometry(track.name, why, interpolate(stamps, poses, stamps_ns), gap_s)
+    path_m = path_length_m(np.array(track.poses))
+    return Odometry(track.name, why, interpolate(stamps, poses, stamps_ns), gap_s, path_m)
+
+
+def path_length_m(poses: F64) -> float:
+    """Distance along poses (n, 3)."""
+    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
 
 
 def _is_global(track: RawOdometry) -> str:
@@ -245,7 +255,7 @@ def _as_wished(
                 "Pass --odom TOPIC or none, or set ingest.odom_frame and ingest.base_frame."
             )
             raise LogError(msg)
-        return Odometry(from_tf.source, "as set", from_tf.poses, from_tf.longest_gap_s)
+        return replace(from_tf, why="as set")
     if wish not in recording.odometry:
         topics = ", ".join(sorted(recording.odometry)) or "none"
         msg = (
@@ -253,8 +263,7 @@ def _as_wished(
             "Pass one of these with --odom, or 'tf' or 'none'."
         )
         raise LogError(msg)
-    found = _from_track(recording.odometry[wish], tree, base, stamps_ns)
-    return Odometry(found.source, "as set", found.poses, found.longest_gap_s)
+    return replace(_from_track(recording.odometry[wish], tree, base, stamps_ns), why="as set")
 
 
 def _cover(poses: F64) -> float:
@@ -272,11 +281,11 @@ def _path_m(poses: F64) -> float:
 
 
 def ends_without_odometry(poses: F64) -> slice:
-    """Sweeps to keep: those before the first and after the last pose go, if they are few (5 %)."""
+    """Sweeps to keep: those before the first and after the last pose go, if they are few (5 %, or two)."""
     known = np.flatnonzero(np.isfinite(poses).all(axis=1))
     everything = slice(0, poses.shape[0])
     if known.size == 0:
         return everything
     kept = slice(int(known[0]), int(known[-1]) + 1)
     cut = poses.shape[0] - (kept.stop - kept.start)
-    return kept if cut <= _MOST_CUT * poses.shape[0] else everything
+    return kept if cut <= max(_MOST_CUT * poses.shape[0], _ALWAYS_CUT) else everything

@@ -26,7 +26,13 @@ from dynmap_cli.ingest.merging import (
     join_recordings,
     period_s_of,
 )
-from dynmap_cli.ingest.odometry import Odometry, ends_without_odometry, find_base, find_odometry
+from dynmap_cli.ingest.odometry import (
+    Odometry,
+    ends_without_odometry,
+    find_base,
+    find_odometry,
+    path_length_m,
+)
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording
 from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport
@@ -36,6 +42,7 @@ from dynmap_cli.ingest.wean import read_wean
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
+_ZIGZAG = 1.1
 _IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False)
 
 
@@ -80,6 +87,7 @@ def merge_recordings(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
     poses = _cut_ends(columns, odometry, joined)
+    _warn_of_bad_stamps(odometry, poses, out_of_order, joined)
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
     verdicts = [_rewrite_ranges(columns, number, choice, settings) for number, choice in enumerate(used)]
     poses = _drop_empty(columns, poses, joined)
@@ -168,6 +176,16 @@ def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64
     return poses
 
 
+def _warn_of_bad_stamps(odometry: Odometry, poses: F64, out_of_order: int, joined: RawRecording) -> None:
+    """Say so where the odometry is clearly longer along the stamps than in the order of recording."""
+    stamped_m = path_length_m(poses[np.isfinite(poses).all(axis=1)])
+    if out_of_order and stamped_m > _ZIGZAG * odometry.path_m:
+        joined.warnings.append(
+            f"the odometry is {stamped_m:.1f} m long along the stamps of the scans but {odometry.path_m:.1f} m in the "
+            "order of recording: some stamps are wrong by more than a scan"
+        )
+
+
 def _rewrite_ranges(columns: Columns, number: int, choice: LaserChoice, settings: IngestSettings) -> NoReturn:
     """Find what beams without return say for one laser, and rewrite its ranges."""
     rows = columns.laser == number
@@ -243,7 +261,6 @@ def _report(
         id(choice): pair for choice, pair in zip(used, zip(mountings, verdicts, strict=True), strict=True)
     }
     span_s = float(log.stamps_ns[-1] - log.stamps_ns[0]) * 1e-9
-    known = log.odometry[log.has_odometry]
     return IngestReport(
         recordings=tuple(
             RecordingReport(found.name, found.kind, found.n_read, tuple(found.topics))
@@ -260,7 +277,7 @@ def _report(
         odometry=odometry.source,
         odometry_why=odometry.why,
         odometry_rejected=odometry.rejected,
-        odometry_path_m=round(float(np.hypot(*np.diff(known[:, :2], axis=0).T).sum()), 3),
+        odometry_path_m=round(odometry.path_m, 3),
         odometry_longest_gap_s=round(odometry.longest_gap_s, 3),
         scans_without_odometry=int(np.count_nonzero(~log.has_odometry)),
         dropped=dict(joined.dropped),

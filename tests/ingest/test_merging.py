@@ -1,0 +1,72 @@
+"""Several recordings of one drive, and recordings that are none."""
+
+import numpy as np
+import pytest
+
+from dynmap_cli.config import Config
+from dynmap_cli.errors import LogError
+from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log
+from dynmap_cli.ingest.reading import read_recordings
+from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.stage import run
+from dynmap_cli.stage import StageContext
+from tests.ingest.written import START_NS, World, write_bag1
+
+SETTINGS = IngestSettings()
+NEXT = START_NS + 12 * 10**8
+
+
+def parts(tmp_path, first, second):
+    return [write_bag1(tmp_path / "first.bag", first), write_bag1(tmp_path / "second.bag", second)]
+
+
+def test_static_transforms_of_the_first_part_serve_the_second(tmp_path):
+    second = World(start_ns=NEXT, start_m=0.6, static_topic="/elsewhere")
+    log, report = read_recordings(list(reversed(parts(tmp_path, World(), second))), SETTINGS)
+    assert log.recordings == ("first.bag", "second.bag")
+    assert log.n_scans == 24
+    np.testing.assert_allclose(log.odometry, np.vstack([World().poses, second.poses]), atol=1e-12)
+    np.testing.assert_allclose(log.sensor_poses, [[0.2, -0.1, 0.0]])
+    assert report.odometry_path_m == pytest.approx(23 * 0.05)
+
+
+@pytest.mark.parametrize(
+    ("second", "found"),
+    [
+        (World(start_ns=NEXT, start_m=30.0), "the odometry jumps by"),
+        (World(start_ns=NEXT + 120 * 10**9, start_m=0.6), "120 s lie between them"),
+        (World(start_ns=START_NS - 2 * 10**9, n_scans=40), "they overlap in time"),
+    ],
+)
+def test_recordings_that_do_not_continue_one_another_are_refused(second, found, tmp_path):
+    with pytest.raises(LogError, match=found) as caught:
+        read_recordings(parts(tmp_path, World(), second), SETTINGS)
+    assert "build them one by one" in str(caught.value)
+
+
+def test_recordings_of_different_robots_are_refused(tmp_path):
+    other = World(start_ns=NEXT, change=lambda _number, fields: fields["header"].update(frame_id="other"))
+    with pytest.raises(LogError, match="no laser in common"):
+        read_recordings(parts(tmp_path, World(), other), SETTINGS)
+
+
+def test_the_stage_writes_scans_that_read_back_and_the_same_bytes_each_time(tmp_path):
+    paths = parts(tmp_path, World(), World(start_ns=NEXT, start_m=0.6))
+    contents = []
+    for name in ("one", "two"):
+        folder = tmp_path / name
+        folder.mkdir()
+        context = StageContext(tmp_path, folder, Config(), tuple(paths), 1, scans_dir=folder)
+        summary = run(context)
+        assert {f"scans/{path.name}" for path in folder.iterdir()} == set(SCAN_FILES)
+        contents.append({path.name: path.read_bytes() for path in folder.iterdir()})
+    assert contents[0] == contents[1]
+    log, _ = read_recordings(paths, SETTINGS)
+    found = read_scan_log(folder)
+    np.testing.assert_array_equal(found.ranges_m, log.ranges_m)
+    np.testing.assert_array_equal(found.odometry, log.odometry)
+    assert found.recordings == ("first.bag", "second.bag")
+    assert summary["scans"] == 24
+    assert summary["lines"][0].startswith(
+        "first.bag (ROS 1 bag), second.bag (ROS 1 bag): 24 scans over 2.3 s"
+    )
