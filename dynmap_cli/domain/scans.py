@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -37,6 +37,9 @@ class ScanLog:
         Which of *recordings* a sweep came from.
     recordings : tuple of str
         File or folder names, in order.
+    arrival_index : (n_scans,) int32
+        Rank of a sweep in the order in which the sweeps were made. It differs from the order of the stamps
+        only where the recording's clock is seen to jump about.
     """
 
     stamps_ns: I64
@@ -49,12 +52,16 @@ class ScanLog:
     beam_interval_s: F64
     recording_index: I32
     recordings: tuple[str, ...]
+    arrival_index: I32 = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
     def __post_init__(self) -> None:
         """Check shapes and order against each other, and freeze the arrays."""
         n_scans, n_beams = self.ranges_m.shape
         n_geometries = self.sensor_poses.shape[0]
+        if self.arrival_index.size == 0:
+            object.__setattr__(self, "arrival_index", np.arange(n_scans, dtype=np.int32))
         expected = {
+            "arrival_index": (n_scans,),
             "stamps_ns": (n_scans,),
             "odometry": (n_scans, 3),
             "geometry_index": (n_scans,),
@@ -77,8 +84,8 @@ class ScanLog:
         ):
             msg = f"geometry_index points outside the {n_geometries} geometries"
             raise ValueError(msg)
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for column in fields(self):
+            value = getattr(self, column.name)
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
 
@@ -106,6 +113,7 @@ class ScanLog:
             odometry=self.odometry[scans],
             geometry_index=self.geometry_index[scans],
             recording_index=self.recording_index[scans],
+            arrival_index=np.argsort(np.argsort(self.arrival_index[scans], kind="stable")).astype(np.int32),
         )
 
 

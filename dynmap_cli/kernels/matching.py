@@ -1,0 +1,330 @@
+"""Scan matching against a local map of hit centroids: correlative search, then point-to-line refinement.
+
+The local map is a torus of SIZE x SIZE cells: cell (row & MASK, col & MASK) of the infinite grid. It holds the
+key scans of the last few metres; old ones are taken out again exactly (integers), so nothing is ever cleared
+or moved. All points of the map have to lie within SIZE cells of one another.
+"""
+
+from __future__ import annotations
+
+import math
+
+from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.kernels.jit import kernel
+
+SIZE = 2048
+MASK = SIZE - 1
+ONE = 1 << 20
+"""Fixed-point value of one hit."""
+NORMAL_RADIUS = 3
+FIELD_RADIUS = 2
+
+
+@kernel
+def thin_points(
+    ranges_m: F32,
+    directions: F64,
+    sensor_pose: F64,
+    usable_m: float,
+    spacing_m: float,
+    out: F64,
+    out_beams: I32,
+) -> int:
+    """Write the end points of a scan in the robot frame, leaving out those closer than a spacing to the last.
+
+    Parameters
+    ----------
+    ranges_m : (n_beams,) float32
+    directions : (n_beams, 2) float64
+    sensor_pose : (3,) float64
+    usable_m, spacing_m : float
+    out : (n_beams, 2) float64
+    out_beams : (n_beams,) int32
+        Number of the beam of each point.
+
+    Returns
+    -------
+    int
+        How many points were written.
+    """
+    count = 0
+    for beam in range(ranges_m.size):
+        distance = float(ranges_m[beam])
+        if not distance <= usable_m:
+            continue
+        x = sensor_pose[0] + distance * directions[beam, 0]
+        y = sensor_pose[1] + distance * directions[beam, 1]
+        if count > 0:
+            dx, dy = x - out[count - 1, 0], y - out[count - 1, 1]
+            if dx * dx + dy * dy < spacing_m * spacing_m:
+                continue
+        out[count, 0], out[count, 1] = x, y
+        out_beams[count] = beam
+        count += 1
+    return count
+
+
+@kernel
+def _refresh_field(sums: I64, field: U8, row: int, col: int) -> None:
+    """Set the score of a cell: 255 where something was hit, less next to it (radius FIELD_RADIUS)."""
+    best = 0
+    for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+        for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+            if sums[(row + dr) & MASK, (col + dc) & MASK, 0] > 0:
+                value = int(255.0 * math.exp(-0.35 * (dr * dr + dc * dc)))
+                best = max(best, value)
+    field[row & MASK, col & MASK] = best
+
+
+@kernel
+def _refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
+    """Set the normal of the line through the centroids around a cell; (0, 0) where there is no line."""
+    lines[row, col, 0] = 0.0
+    lines[row, col, 1] = 0.0
+    if sums[row, col, 0] <= 0:
+        return
+    total = sx = sy = sxx = sxy = syy = 0.0
+    cells = 0
+    for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
+        for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
+            r, c = (row + dr) & MASK, (col + dc) & MASK
+            hits = sums[r, c, 0]
+            if hits > 0:
+                weight = min(float(hits) / ONE, 4.0)
+                x = dc + float(sums[r, c, 1]) / hits
+                y = dr + float(sums[r, c, 2]) / hits
+                total += weight
+                sx += weight * x
+                sy += weight * y
+                sxx += weight * x * x
+                sxy += weight * x * y
+                syy += weight * y * y
+                cells += 1
+    if cells < 3:
+        return
+    mx, my = sx / total, sy / total
+    cxx, cxy, cyy = sxx / total - mx * mx, sxy / total - mx * my, syy / total - my * my
+    mean, half = 0.5 * (cxx + cyy), math.sqrt(0.25 * (cxx - cyy) ** 2 + cxy * cxy)
+    if mean - half > 0.25 * (mean + half) or mean + half < 0.3:
+        return
+    angle = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+    lines[row, col, 0] = -math.sin(angle)
+    lines[row, col, 1] = math.cos(angle)
+
+
+@kernel
+def insert_points(
+    points: F64,
+    weights: F64,
+    count: int,
+    pose: F64,
+    sign: int,
+    cell_m: float,
+    sums: I64,
+    lines: F32,
+    field: U8,
+) -> None:
+    """Add the points of a scan to the local map (sign 1) or take them out again (sign -1).
+
+    Parameters
+    ----------
+    points : (n, 2) float64
+        Robot frame; the first *count* are used.
+    weights : (n,) float64
+        e of each point's beam.
+    count : int
+    pose : (3,) float64
+        map_from_robot; the very same numbers when the scan is taken out.
+    sign : int
+    cell_m : float
+    sums : (SIZE, SIZE, 3) int64
+        Hits and sums of the offsets within the cell, fixed point.
+    lines : (SIZE, SIZE, 2) float32
+        Normal of the line through each cell's surroundings.
+    field : (SIZE, SIZE) uint8
+        Score for the correlative search.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(count):
+        x = (pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m
+        y = (pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m
+        col, row = int(math.floor(x)), int(math.floor(y))
+        r, c = row & MASK, col & MASK
+        before = sums[r, c, 0]
+        sums[r, c, 0] += sign * int(round(weights[k] * ONE))
+        sums[r, c, 1] += sign * int(round(weights[k] * (x - col) * ONE))
+        sums[r, c, 2] += sign * int(round(weights[k] * (y - row) * ONE))
+        if (before > 0) != (sums[r, c, 0] > 0):
+            for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                    _refresh_field(sums, field, (r + dr) & MASK, (c + dc) & MASK)
+    for k in range(count):
+        x = (pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m
+        y = (pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m
+        r, c = int(math.floor(y)) & MASK, int(math.floor(x)) & MASK
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                _refresh_line(sums, lines, (r + dr) & MASK, (c + dc) & MASK)
+
+
+@kernel
+def point_to_line(
+    points: F64,
+    weights: F64,
+    count: int,
+    pose: F64,
+    radius_cells: int,
+    sigma_m: float,
+    cell_m: float,
+    sums: I64,
+    lines: F32,
+    normal_matrix: F64,
+    gradient: F64,
+) -> float:
+    """Fill the normal equations of sum_k w_k rho(n . (R p_k + t - c)) at a pose; return the matched share.
+
+    Each point is paired with the nearest hit centroid c within a few cells, its residual is the distance from
+    the line through c with normal n; rho is the Geman-McClure kernel of scale *sigma_m*.
+
+    Parameters
+    ----------
+    points, weights, count
+        As for `insert_points`.
+    pose : (3,) float64
+    radius_cells : int
+    sigma_m, cell_m : float
+    sums, lines
+        The local map.
+    normal_matrix : (3, 3) float64
+        J^T W J, in 1 / m^2, 1 / m and 1.
+    gradient : (3,) float64
+        J^T W r.
+
+    Returns
+    -------
+    float
+        Weighted mean of 1 / (1 + (r / sigma)^2)^2 over all points; unmatched points count 0.
+    """
+    normal_matrix[:] = 0.0
+    gradient[:] = 0.0
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    total, matched = 1e-12, 0.0
+    for k in range(count):
+        weight = weights[k]
+        total += weight
+        px = cos * points[k, 0] - sin * points[k, 1]
+        py = sin * points[k, 0] + cos * points[k, 1]
+        x, y = (pose[0] + px) / cell_m, (pose[1] + py) / cell_m
+        col, row = int(math.floor(x)), int(math.floor(y))
+        best = (radius_cells + 0.5) ** 2
+        best_r = best_c = -1
+        best_x = best_y = 0.0
+        for dr in range(-radius_cells, radius_cells + 1):
+            r = (row + dr) & MASK
+            for dc in range(-radius_cells, radius_cells + 1):
+                c = (col + dc) & MASK
+                hits = sums[r, c, 0]
+                if hits > 0:
+                    ox = col + dc + float(sums[r, c, 1]) / hits - x
+                    oy = row + dr + float(sums[r, c, 2]) / hits - y
+                    distance = ox * ox + oy * oy
+                    if distance < best:
+                        best, best_r, best_c = distance, r, c
+                        best_x, best_y = ox, oy
+        if best_r < 0:
+            continue
+        nx, ny = float(lines[best_r, best_c, 0]), float(lines[best_r, best_c, 1])
+        if nx == 0.0 and ny == 0.0:
+            # No line here (a leg, a corner): pull towards the centroid itself, as a weak point.
+            distance_m = math.sqrt(best) * cell_m
+            share = 1.0 / (1.0 + (distance_m / sigma_m) ** 2) ** 2
+            matched += weight * share
+            w = 0.25 * weight * share
+            ex, ey = -best_x * cell_m, -best_y * cell_m
+            normal_matrix[0, 0] += w
+            normal_matrix[1, 1] += w
+            normal_matrix[0, 2] -= w * py
+            normal_matrix[1, 2] += w * px
+            normal_matrix[2, 2] += w * (px * px + py * py)
+            gradient[0] += w * ex
+            gradient[1] += w * ey
+            gradient[2] += w * (px * ey - py * ex)
+            continue
+        residual = -(nx * best_x + ny * best_y) * cell_m
+        share = 1.0 / (1.0 + (residual / sigma_m) ** 2) ** 2
+        matched += weight * share
+        w = weight * share
+        turn = -nx * py + ny * px
+        normal_matrix[0, 0] += w * nx * nx
+        normal_matrix[0, 1] += w * nx * ny
+        normal_matrix[1, 1] += w * ny * ny
+        normal_matrix[0, 2] += w * nx * turn
+        normal_matrix[1, 2] += w * ny * turn
+        normal_matrix[2, 2] += w * turn * turn
+        gradient[0] += w * nx * residual
+        gradient[1] += w * ny * residual
+        gradient[2] += w * turn * residual
+    normal_matrix[1, 0] = normal_matrix[0, 1]
+    normal_matrix[2, 0] = normal_matrix[0, 2]
+    normal_matrix[2, 1] = normal_matrix[1, 2]
+    return matched / total
+
+
+@kernel
+def correlate(
+    points: F64, count: int, pose: F64, angles_rad: F64, reach_cells: int, step_cells: int, cell_m: float, field: U8,
+    scores: I32, costs: F64, out: F64,
+) -> float:  # fmt: skip
+    """Find the best pose on a lattice around a start by summing the score field at all points.
+
+    Parameters
+    ----------
+    points, count
+        As for `insert_points`.
+    pose : (3,) float64
+        Centre of the lattice.
+    angles_rad : (n_angles,) float64
+        Turns that are tried.
+    reach_cells, step_cells : int
+        Shifts -reach, -reach + step, ... are tried along x and y.
+    cell_m : float
+    field : (SIZE, SIZE) uint8
+    scores : (side, side) int32
+        Scratch; side = 2 * (reach // step) + 1.
+    costs : (2,) float64
+        Loss of mean score (0 to 1) per squared metre of shift, and per squared radian of turn.
+    out : (3,) float64
+        Best pose.
+
+    Returns
+    -------
+    float
+        Mean score of the points at the best pose, 0 to 1, without the costs.
+    """
+    side = 2 * (reach_cells // step_cells) + 1
+    first = -(reach_cells // step_cells) * step_cells
+    best, best_score = -1e9, 0.0
+    for angle in angles_rad:
+        cos, sin = math.cos(pose[2] + angle), math.sin(pose[2] + angle)
+        scores[:side, :side] = 0
+        for k in range(count):
+            col = int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m))
+            row = int(math.floor((pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m))
+            c0 = (col + first) & MASK
+            for i in range(side):
+                r = (row + first + i * step_cells) & MASK
+                if c0 + side * step_cells <= SIZE:
+                    for j in range(side):
+                        scores[i, j] += field[r, c0 + j * step_cells]
+                else:
+                    for j in range(side):
+                        scores[i, j] += field[r, (c0 + j * step_cells) & MASK]
+        for i in range(side):
+            for j in range(side):
+                dx, dy = (first + j * step_cells) * cell_m, (first + i * step_cells) * cell_m
+                score = scores[i, j] / (255.0 * max(count, 1))
+                value = score - costs[0] * (dx * dx + dy * dy) - costs[1] * angle * angle
+                if value > best:
+                    best, best_score = value, score
+                    out[0], out[1], out[2] = pose[0] + dx, pose[1] + dy, pose[2] + angle
+    return best_score

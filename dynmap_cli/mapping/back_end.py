@@ -1,0 +1,221 @@
+"""The back end: key scans in a graph, loops in rounds until nothing new, then dense refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.counting.counts import Rays
+from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
+from dynmap_cli.kernels.matching import thin_points
+from dynmap_cli.mapping.front_end import Registered, Sweeps
+from dynmap_cli.mapping.local_maps import Easel, LocalMap, make_local_maps
+from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, LoopParams, LoopSearch
+from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, Edges, join_edges, no_edges, optimise
+
+_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
+_CHAIN_SHIFT_M, _CHAIN_TURN_RAD = 0.008, 0.003
+_LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
+_RESIDUAL_M = 0.1
+_DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """The optimised graph of key scans.
+
+    Attributes
+    ----------
+    keys : (n_keys,) int64
+        Scan numbers of the nodes.
+    poses : (n_keys, 3) float64
+    edges : Edges
+    weights : (n_edges,) float64
+        Robust weight of each edge, 0 to 1.
+    n_loops : int
+    rejected : dict of str to int
+        Loops that were tried and turned down, by reason.
+    contradictions : float
+        Share of pairs of nearby local maps that contradict each other in free space.
+    """
+
+    keys: I64
+    poses: F64
+    edges: Edges
+    weights: F64
+    n_loops: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
+    contradictions: float = 0.0
+
+
+def close_loops(
+    sweeps: Sweeps, rays: Rays, front: Registered, params: LoopParams, note: Callable[[str], None]
+) -> Graph:
+    """Build the graph of the key scans, find loops, and optimise.
+
+    Parameters
+    ----------
+    sweeps : Sweeps
+    rays : Rays
+    front : Registered
+        Result of the front end.
+    params : LoopParams
+    note : callable
+        Told what was found, one sentence at a time.
+    """
+    keys = np.nonzero(front.is_key)[0].astype(np.int64)
+    poses = front.poses[keys]
+    chain = _chain_edges(front, keys)
+    if keys.size < 3:
+        return Graph(keys, poses, chain, np.ones(len(chain)))
+    maps = make_local_maps(sweeps, rays, keys, poses)
+    anchors = np.array([local_map.anchor for local_map in maps], dtype=np.int64)
+    search = LoopSearch(maps, params)
+    weights = np.ones(len(chain))
+    edges = chain
+    for number in range(MAX_ROUNDS):
+        new = search.round(poses[anchors], WINDOWS_M[min(number, len(WINDOWS_M) - 1)])
+        if new:
+            edges = join_edges(chain, _loop_edges(search, anchors))
+            poses, weights = optimise(poses, edges, _scales(edges))
+            note(f"loop round {number + 1}: {new} new loops, {len(search.loops)} in all")
+        elif number >= len(WINDOWS_M):
+            break
+    for _ in range(2):
+        dense = _dense_edges(sweeps, rays, keys, poses, maps, anchors)
+        edges = join_edges(chain, _loop_edges(search, anchors), dense)
+        poses, weights = optimise(poses, edges, _scales(edges))
+    share, _ = search.contradictions(poses[anchors])
+    return Graph(keys, poses, edges, weights, len(search.loops), dict(sorted(search.rejected.items())), share)
+
+
+def spread_to_scans(front: Registered, graph: Graph) -> F64:
+    """Poses of all scans: between two key scans the correction is interpolated.
+
+    Returns
+    -------
+    (n_scans, 3) float64
+    """
+    scans = np.arange(front.poses.shape[0])
+    before = np.clip(np.searchsorted(graph.keys, scans, side="right") - 1, 0, graph.keys.size - 1)
+    after = np.minimum(before + 1, graph.keys.size - 1)
+    from_before = compose(graph.poses[before], between(front.poses[graph.keys[before]], front.poses))
+    from_after = compose(graph.poses[after], between(front.poses[graph.keys[after]], front.poses))
+    span = np.maximum(graph.keys[after] - graph.keys[before], 1)
+    share = ((scans - graph.keys[before]) / span)[:, None]
+    share[before == after] = 0.0
+    delta = from_after - from_before
+    delta[:, 2] = wrap_angle(delta[:, 2])
+    result = from_before + share * delta
+    result[:, 2] = wrap_angle(result[:, 2])
+    return np.asarray(result)
+
+
+def _scales(edges: Edges) -> F64:
+    """Scale of the robust kernel of each edge, standard deviations."""
+    return np.array([_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE])[edges.kind]
+
+
+def _chain_edges(front: Registered, keys: I64) -> Edges:
+    """Consecutive key scans; directions that the match does not know are left to the odometry in it."""
+    measured = between(front.poses[keys[:-1]], front.poses[keys[1:]])
+    shift = np.linalg.norm(measured[:, :2], axis=1)
+    sigma_shift = _CHAIN_SHIFT_M + 0.02 * shift
+    sigma_turn = _CHAIN_TURN_RAD + 0.01 * np.abs(measured[:, 2])
+    information = np.zeros((keys.size - 1, 3, 3))
+    information[:, 0, 0] = information[:, 1, 1] = 1.0 / sigma_shift**2
+    information[:, 2, 2] = 1.0 / sigma_turn**2
+    numbers = np.arange(keys.size - 1, dtype=np.int64)
+    kind = np.full(keys.size - 1, CHAIN, dtype=np.uint8)
+    return Edges(numbers, numbers + 1, measured, information, kind)
+
+
+def _loop_edges(search: LoopSearch, anchors: I64) -> Edges:
+    """Loops as edges between the anchors of their maps."""
+    if not search.loops:
+        return no_edges()
+    fits = [loop.fit for loop in search.loops]
+    return Edges(
+        anchors[[loop.fixed for loop in search.loops]],
+        anchors[[loop.moved for loop in search.loops]],
+        np.array([fit.pose for fit in fits]),
+        np.array([_capped(fit.information / _RESIDUAL_M**2, _LOOP_SHIFT_M, _LOOP_TURN_RAD) for fit in fits]),
+        np.full(len(fits), LOOP, dtype=np.uint8),
+    )
+
+
+def _capped(information: F64, shift_m: float, turn_rad: float) -> F64:
+    """Information with a covariance of at least the given standard deviations added."""
+    covariance = np.linalg.inv(information + np.diag([1e-3, 1e-3, 1e-3]))
+    return np.asarray(np.linalg.inv(covariance + np.diag([shift_m**2, shift_m**2, turn_rad**2])))
+
+
+def _dense_edges(
+    sweeps: Sweeps, rays: Rays, keys: I64, poses: F64, maps: list[LocalMap], anchors: I64
+) -> Edges:
+    """Each key scan fitted on the local maps around it, of this pass and of others."""
+    easel = Easel()
+    pairs = _dense_pairs(poses, anchors)
+    first, second, measured, information = [], [], [], []
+    for number, local_map in enumerate(maps):
+        easel.draw(local_map)
+        for node in pairs[number]:
+            points = _key_points(sweeps, rays, int(keys[node]))
+            fit = easel.fit(points, between(poses[anchors[number]], poses[node]), polish=True)
+            if fit.seen < 0.3 or fit.matched_of_seen < 0.6 or fit.residual_m > 0.05:
+                continue
+            first.append(int(anchors[number]))
+            second.append(node)
+            measured.append(fit.pose)
+            information.append(_capped(fit.information / _RESIDUAL_M**2, 0.01, 0.002))
+    if not first:
+        return no_edges()
+    return Edges(
+        np.array(first, dtype=np.int64),
+        np.array(second, dtype=np.int64),
+        np.array(measured),
+        np.array(information),
+        np.full(len(first), DENSE, dtype=np.uint8),
+    )
+
+
+def _dense_pairs(poses: F64, anchors: I64) -> list[list[int]]:
+    """For each local map the key scans that are to be fitted on it: per key scan the nearest maps of each pass."""
+    pairs: list[list[int]] = [[] for _ in anchors]
+    for node in range(poses.shape[0]):
+        distance = np.linalg.norm(poses[anchors, :2] - poses[node, :2], axis=1)
+        chosen: list[int] = []
+        for number in np.argsort(distance, kind="stable")[: 8 * _DENSE_PARTNERS]:
+            if distance[number] > _DENSE_REACH_M or len(chosen) == _DENSE_PARTNERS:
+                break
+            if anchors[number] != node and all(abs(int(number) - other) > 2 for other in chosen):
+                chosen.append(int(number))
+        for number in chosen:
+            pairs[number].append(node)
+    return pairs
+
+
+def _key_points(sweeps: Sweeps, rays: Rays, scan: int) -> F32:
+    """Thinned static points of a scan, robot frame, (n, 2) float32."""
+    geometry = int(sweeps.geometry_index[scan])
+    n_beams = sweeps.ranges_m.shape[1]
+    points, beams = np.empty((n_beams, 2)), np.empty(n_beams, dtype=np.int32)
+    count = thin_points(
+        sweeps.ranges_m[scan],
+        rays.directions[geometry],
+        rays.sensor_poses[geometry],
+        float(rays.usable_m[geometry]),
+        0.03,
+        points,
+        beams,
+    )
+    static = ~(sweeps.weights[scan, beams[:count]] < 0.5)
+    return np.asarray(points[:count][static], dtype=np.float32)
+
+
+def chain_only(front: Registered) -> F64:
+    """Poses relative to the first scan."""
+    return compose(inverse(front.poses[0]), front.poses)

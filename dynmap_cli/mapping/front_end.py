@@ -1,0 +1,209 @@
+"""The front end: poses by matching each scan against the key scans before it (Eq. 1.11)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I32, U8
+from dynmap_cli.counting.counts import Rays
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.matching import SIZE
+from dynmap_cli.kernels.registration import KEY, LOST, WIDE, register_scans
+from dynmap_cli.mapping.odometry import Calibration
+from dynmap_cli.progress import Tick, no_tick
+
+_SCANS_PER_CALL = 250
+_RING_CAPACITY = 512
+
+
+@dataclass(frozen=True, slots=True)
+class FrontEndParams:
+    """What steers the front end; insensitive to halving or doubling.
+
+    Attributes
+    ----------
+    cell_m, spacing_m : float
+        Cell of the local map, and thinning of the points.
+    sigma_m : float
+        Noise of a point across its line.
+    key_shift_m, key_turn_rad : float
+        A scan enters the local map after this motion.
+    n_keys : int
+        Key scans in the local map.
+    reach_m : float
+        Key scans farther away than this leave it.
+    independent_share : float
+        Share of the points that counts as independent.
+    wide_turn_rad : float
+        Correlative search after a larger turn.
+    good_share, lost_share : float
+        Matched share under which the correlative search helps, and under which a scan is lost.
+    """
+
+    cell_m: float = 0.05
+    spacing_m: float = 0.03
+    sigma_m: float = 0.03
+    key_shift_m: float = 0.15
+    key_turn_rad: float = 0.15
+    n_keys: int = 80
+    reach_m: float = 20.0
+    independent_share: float = 1.0
+    wide_turn_rad: float = 0.05
+    good_share: float = 0.75
+    lost_share: float = 0.5
+
+    def numbers(self, calibration: Calibration) -> F64:
+        """The table that the kernel reads."""
+        return np.array(
+            [
+                self.cell_m,
+                self.spacing_m,
+                self.sigma_m,
+                calibration.shift_noise_m,
+                calibration.shift_noise_share,
+                calibration.turn_noise_rad,
+                calibration.turn_noise_share,
+                self.key_shift_m,
+                self.key_turn_rad,
+                float(self.n_keys),
+                self.reach_m,
+                self.independent_share,
+                self.wide_turn_rad,
+                self.good_share,
+                self.lost_share,
+                1.0 if calibration.reversible else 0.0,
+            ]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Sweeps:
+    """The columns of a recording that matching needs, in the order in which the sweeps were made.
+
+    Attributes
+    ----------
+    ranges_m, weights : (n_scans, n_beams) float32
+        Ranges, and e of each beam (NaN = not known yet, counts as 1).
+    geometry_index : (n_scans,) int32
+    odometry : (n_scans, 3) float64
+    times_s : (n_scans,) float64
+        Ascending.
+    """
+
+    ranges_m: F32
+    weights: F32
+    geometry_index: I32
+    odometry: F64
+    times_s: F64
+
+    @property
+    def n_scans(self) -> int:
+        """Number of sweeps."""
+        return int(self.ranges_m.shape[0])
+
+    def first(self, n_scans: int) -> Sweeps:
+        """The first sweeps only."""
+        part = slice(0, n_scans)
+        return Sweeps(
+            self.ranges_m[part],
+            self.weights[part],
+            self.geometry_index[part],
+            self.odometry[part],
+            self.times_s[part],
+        )
+
+
+def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
+    """Columns in the order in which the sweeps were made; *weights* are in the order of the log."""
+    order = np.argsort(log.arrival_index, kind="stable")
+    ranges = np.array(log.ranges_m[order])
+    return Sweeps(
+        ranges_m=ranges,
+        weights=np.full_like(ranges, np.nan) if weights is None else np.array(weights[order]),
+        geometry_index=np.array(log.geometry_index[order]),
+        odometry=np.array(log.odometry[order]),
+        times_s=np.maximum.accumulate((log.stamps_ns[order] - log.stamps_ns[0]) / 1e9),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Registered:
+    """Result of the front end, in the order of the sweeps.
+
+    Attributes
+    ----------
+    poses : (n_scans, 3) float64
+        map_from_robot; the first scan is at the origin.
+    shares : (n_scans,) float64
+        Matched share of each scan.
+    information : (n_scans, 3, 3) float64
+        What the match knows about each pose, map frame.
+    is_key, is_lost, is_wide : (n_scans,) bool
+    """
+
+    poses: F64
+    shares: F64
+    information: F64
+    is_key: B1
+    is_lost: B1
+    is_wide: B1
+
+
+def register(
+    sweeps: Sweeps,
+    rays: Rays,
+    motion: F64,
+    calibration: Calibration,
+    params: FrontEndParams,
+    tick: Tick = no_tick,
+) -> Registered:
+    """Register all scans one after another.
+
+    Parameters
+    ----------
+    sweeps : Sweeps
+    rays : Rays
+    motion : (n_scans, 3) float64
+        Corrected odometry steps; rows with NaN: constant velocity is used.
+    calibration : Calibration
+        Noise of the motion, and whether its sign is missing.
+    params : FrontEndParams
+    tick : callable
+        Told the number of scans done.
+    """
+    n_scans = sweeps.n_scans
+    has_motion: U8 = np.asarray(np.isfinite(motion).all(axis=1)).astype(np.uint8)
+    sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
+    lines = np.zeros((SIZE, SIZE, 2), dtype=np.float32)
+    field = np.zeros((SIZE, SIZE), dtype=np.uint8)
+    ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(4, dtype=np.int64)
+    poses, shares = np.zeros((n_scans, 3)), np.zeros(n_scans)
+    information, flags = np.zeros((n_scans, 3, 3)), np.zeros(n_scans, dtype=np.uint8)
+    for first in range(0, n_scans, _SCANS_PER_CALL):
+        last = min(first + _SCANS_PER_CALL, n_scans)
+        register_scans(
+            first,
+            last,
+            sweeps.ranges_m,
+            sweeps.weights,
+            sweeps.geometry_index,
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            motion,
+            has_motion,
+            params.numbers(calibration),
+            sums,
+            lines,
+            field,
+            ring,
+            state,
+            poses,
+            shares,
+            information,
+            flags,
+        )
+        tick(last - first)
+    return Registered(poses, shares, information, (flags & KEY) > 0, (flags & LOST) > 0, (flags & WIDE) > 0)

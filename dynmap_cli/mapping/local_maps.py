@@ -1,0 +1,194 @@
+"""Local maps of a few key scans each, and how well two of them fit on one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I64, U8
+from dynmap_cli.counting.counts import Rays
+from dynmap_cli.domain.poses import between, inverse
+from dynmap_cli.kernels.local_maps import (
+    CELL_M,
+    COARSE,
+    COARSE_M,
+    FREE_SIDE,
+    SIZE,
+    collect_local_map,
+    draw_local_map,
+    judge_fit,
+    refine_local_map,
+    search_coarse,
+)
+from dynmap_cli.mapping.front_end import Sweeps
+
+_EVERY, _MEMBERS = 10, 8
+_MAX_POINTS, _HALF_CELLS = 20_000, 640
+_SPACING_M = 0.03
+_N_PLACES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class LocalMap:
+    """What a few consecutive key scans saw, in the frame of the one in the middle.
+
+    Attributes
+    ----------
+    anchor : int
+        Number of the middle key scan.
+    points, normals : (n, 2) float32
+        Hit centroids and the normals of the lines through them; (0, 0) = no line.
+    free : (FREE_SIDE, FREE_SIDE) uint8
+        1 where nothing stands.
+    """
+
+    anchor: int
+    points: F32
+    normals: F32
+    free: U8
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How a moved map fits on a fixed one.
+
+    Attributes
+    ----------
+    pose : (3,) float64
+        fixed_from_moved.
+    information : (3, 3) float64
+        Normal equations of the point-to-line residuals, per square metre.
+    residual_m : float
+    matched, seen, in_free : float
+        Shares of the moved map's points: on a line of the fixed one, seen by it, in its free space.
+    """
+
+    pose: F64
+    information: F64
+    residual_m: float
+    matched: float
+    seen: float
+    in_free: float
+
+    @property
+    def matched_of_seen(self) -> float:
+        """Share of the points that the fixed map sees which lie on its lines."""
+        return self.matched / max(self.seen, 1e-9)
+
+
+def make_local_maps(sweeps: Sweeps, rays: Rays, keys: I64, key_poses: F64) -> list[LocalMap]:
+    """Collect a local map around every tenth key scan.
+
+    Parameters
+    ----------
+    sweeps : Sweeps
+    rays : Rays
+    keys : (n_keys,) int64
+        Scan numbers of the key scans.
+    key_poses : (n_keys, 3) float64
+        Their poses, which are good over a few metres.
+    """
+    sums = np.zeros((2 * _HALF_CELLS, 2 * _HALF_CELLS, 3), dtype=np.int64)
+    points, normals = np.empty((_MAX_POINTS, 2), np.float32), np.empty((_MAX_POINTS, 2), np.float32)
+    maps = []
+    for anchor in range(min(_EVERY // 2, keys.size - 1), keys.size, _EVERY):
+        members = np.arange(max(anchor - _MEMBERS, 0), min(anchor + _MEMBERS + 1, keys.size))
+        free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
+        count = collect_local_map(
+            sweeps.ranges_m,
+            sweeps.weights,
+            sweeps.geometry_index,
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            keys[members],
+            between(key_poses[anchor], key_poses[members]),
+            _SPACING_M,
+            sums,
+            points,
+            normals,
+            free,
+        )
+        maps.append(LocalMap(anchor, points[:count].copy(), normals[:count].copy(), free))
+    return maps
+
+
+class Easel:
+    """Where one local map at a time is drawn, so that others can be fitted on it."""
+
+    def __init__(self) -> None:
+        self._index = np.full((SIZE, SIZE), -1, dtype=np.int32)
+        self._field = np.zeros((SIZE, SIZE), dtype=np.uint8)
+        self._coarse = np.zeros((COARSE, COARSE), dtype=np.uint8)
+        self._scores = np.zeros((COARSE, COARSE), dtype=np.int32)
+        self._drawn: LocalMap | None = None
+
+    def draw(self, local_map: LocalMap) -> None:
+        """Replace the drawn map."""
+        if self._drawn is local_map:
+            return
+        if self._drawn is not None:
+            draw_local_map(
+                self._drawn.points, self._drawn.points.shape[0], 0, self._index, self._field, self._coarse
+            )
+        draw_local_map(local_map.points, local_map.points.shape[0], 1, self._index, self._field, self._coarse)
+        self._drawn = local_map
+
+    def search(self, moved: LocalMap, guess: F64, reach_m: float, half_turn_rad: float) -> list[Fit]:
+        """Fits of *moved* at the best places around a guess, most matched points first."""
+        places = np.zeros((_N_PLACES, 4))
+        reach = int(np.ceil(reach_m / COARSE_M))
+        count = search_coarse(
+            moved.points,
+            moved.points.shape[0],
+            guess,
+            half_turn_rad,
+            reach,
+            self._coarse,
+            self._scores,
+            places,
+        )
+        fits = [self.fit(moved.points, place[:3], polish=False) for place in places[:count]]
+        return sorted(fits, key=lambda fit: -fit.matched)
+
+    def fit(self, points: F32, start: F64, *, polish: bool) -> Fit:
+        """Fit of points (n, 2) near a start; *polish* = the start is within a few centimetres."""
+        drawn = self._require()
+        pose, information = start.astype(np.float64).copy(), np.zeros((3, 3))
+        residual = refine_local_map(
+            points,
+            points.shape[0],
+            drawn.points,
+            drawn.normals,
+            self._index,
+            self._field,
+            pose,
+            information,
+            int(polish),
+        )
+        return self._judged(points, pose, information, residual)
+
+    def judge(self, points: F32, pose: F64) -> Fit:
+        """Shares at a given pose, without refinement."""
+        return self._judged(points, pose, np.zeros((3, 3)), 0.0)
+
+    def _judged(self, points: F32, pose: F64, information: F64, residual_m: float) -> Fit:
+        drawn = self._require()
+        shares = np.zeros(3)
+        judge_fit(points, points.shape[0], drawn.points, drawn.normals, drawn.free, self._index, pose, shares)
+        return Fit(pose, information, residual_m, *shares.tolist())
+
+    def _require(self) -> LocalMap:
+        if self._drawn is None:
+            msg = "draw a local map first"
+            raise ValueError(msg)
+        return self._drawn
+
+
+def backwards(fit: Fit) -> F64:
+    """moved_from_fixed of a fit."""
+    return inverse(fit.pose)
+
+
+__all__ = ["CELL_M", "Easel", "Fit", "LocalMap", "backwards", "make_local_maps"]

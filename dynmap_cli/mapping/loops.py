@@ -1,0 +1,274 @@
+"""Loop closing: local map against local map in growing windows, judged by companions and by free space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+
+from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
+from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
+
+WINDOWS_M = (1.0, 3.0, 8.0, 12.0)
+MAX_ROUNDS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class LoopParams:
+    """What is asked of a loop.
+
+    Attributes
+    ----------
+    min_seen, min_matched_of_seen, max_in_free : float
+        Shares of the points, see `Fit`.
+    max_residual_m : float
+    margin : float
+        The second best place, relative to the best, must match less than this.
+    overlap_m : float
+        Anchors farther apart than this (plus the window) are not tried.
+    min_detour_m : float
+        Nor are those that the graph connects on a shorter way.
+    n_partners : int
+        Partners of a map in a round.
+    drift_share : float
+        How fast the uncertainty grows with the way through the graph.
+    """
+
+    min_seen: float = 0.3
+    min_matched_of_seen: float = 0.7
+    max_in_free: float = 0.12
+    max_residual_m: float = 0.035
+    margin: float = 0.9
+    overlap_m: float = 4.0
+    min_detour_m: float = 10.0
+    n_partners: int = 4
+    drift_share: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """One map fitted on another.
+
+    Attributes
+    ----------
+    fixed, moved : int
+        Numbers of the local maps.
+    fit : Fit
+        fixed_from_moved, with its evidence.
+    shift_m, turn_rad : float
+        How far it is from what the graph said when it was found.
+    """
+
+    fixed: int
+    moved: int
+    fit: Fit
+    shift_m: float
+    turn_rad: float
+
+
+@dataclass(slots=True)
+class LoopSearch:
+    """The search for loops over several rounds.
+
+    Attributes
+    ----------
+    maps : list of LocalMap
+    params : LoopParams
+    loops : list of Loop
+        Accepted so far.
+    rejected : dict of str to int
+        How many tries failed for which reason.
+    """
+
+    maps: list[LocalMap]
+    params: LoopParams
+    loops: list[Loop] = field(default_factory=list)
+    rejected: dict[str, int] = field(default_factory=dict)
+    _tried: dict[tuple[int, int], tuple[float, F64]] = field(default_factory=dict)
+    _easel: Easel = field(default_factory=Easel)
+
+    def round(self, poses: F64, window_m: float) -> int:
+        """Try all promising pairs within a window; returns how many loops are new.
+
+        Parameters
+        ----------
+        poses : (n_maps, 3) float64
+            map_from_anchor of the local maps, as the graph has them now.
+        window_m : float
+        """
+        detours = self._detours(poses)
+        found: list[Loop] = []
+        for fixed in range(len(self.maps)):
+            for moved in self._partners(poses, detours, fixed, window_m):
+                detour = float(detours[fixed, moved])
+                reach = float(np.clip(2.5 * (0.05 + self.params.drift_share * detour), 0.4, window_m))
+                turn = float(np.clip(2.5 * (0.015 + 0.002 * detour), 0.06, 0.7))
+                guess = between(poses[fixed], poses[moved])
+                if self._was_tried(fixed, moved, reach, guess):
+                    continue
+                self._tried[fixed, moved] = (reach, guess)
+                loop = self._try(fixed, moved, guess, reach, turn)
+                if loop is not None:
+                    found.append(loop)
+        found = self._both_ways(found)
+        accepted = [loop for loop in found if self._has_companions(loop, found, poses)]
+        for loop in found:
+            if loop not in accepted:
+                self._reject("no companion")
+                self._tried.pop((loop.fixed, loop.moved), None)
+        self.loops += accepted
+        return len(accepted)
+
+    def contradictions(self, poses: F64) -> tuple[float, list[tuple[int, int]]]:
+        """Share of pairs of nearby maps with a quarter of one's points in the other's free space, and these pairs."""
+        bad: list[tuple[int, int]] = []
+        n_pairs = 0
+        centres = poses[:, :2]
+        for fixed in range(len(self.maps)):
+            distance = np.linalg.norm(centres - centres[fixed], axis=1)
+            near = np.nonzero(distance < self.params.overlap_m)[0]
+            near = near[np.abs(near - fixed) > 2]
+            if near.size == 0:
+                continue
+            self._easel.draw(self.maps[fixed])
+            for moved in near[:: max(1, near.size // 4)]:
+                n_pairs += 1
+                fit = self._easel.judge(self.maps[moved].points, between(poses[fixed], poses[moved]))
+                if fit.in_free > 0.25:
+                    bad.append((fixed, int(moved)))
+        return len(bad) / max(n_pairs, 1), bad
+
+    def _reject(self, reason: str) -> None:
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+
+    def _was_tried(self, fixed: int, moved: int, reach: float, guess: F64) -> bool:
+        """Whether this pair was searched before from nearly the same guess with the same reach."""
+        before = self._tried.get((fixed, moved))
+        if before is None:
+            return False
+        shift = float(np.linalg.norm(before[1][:2] - guess[:2]))
+        turn = abs(float(wrap_angle(before[1][2] - guess[2])))
+        return reach <= before[0] + 0.2 and shift < 0.25 * before[0] and turn < 0.05
+
+    def _detours(self, poses: F64) -> F64:
+        """Length of the shortest way through the graph between the anchors; loops are short cuts."""
+        n_maps = len(self.maps)
+        steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) + 0.3 * np.abs(
+            wrap_angle(np.diff(poses[:, 2]))
+        )
+        first = [*range(n_maps - 1), *(loop.fixed for loop in self.loops)]
+        second = [*range(1, n_maps), *(loop.moved for loop in self.loops)]
+        lengths = np.concatenate([steps + 0.2, np.full(len(self.loops), 1.0)])
+        graph = sparse.coo_matrix((lengths, (first, second)), shape=(n_maps, n_maps)).tocsr()
+        return np.asarray(dijkstra(graph, directed=False))
+
+    def _partners(self, poses: F64, detours: F64, fixed: int, window_m: float) -> list[int]:
+        """Earlier maps that may show the same place: near, far through the graph, spread over passes."""
+        distance = np.linalg.norm(poses[:fixed, :2] - poses[fixed, :2], axis=1)
+        uncertain = np.minimum(2.5 * self.params.drift_share * detours[fixed, :fixed], window_m)
+        allowed = (distance < self.params.overlap_m + uncertain) & (
+            detours[fixed, :fixed] > self.params.min_detour_m
+        )
+        partners: list[int] = []
+        for candidate in np.nonzero(allowed)[0][np.argsort(distance[allowed], kind="stable")]:
+            if all(abs(int(candidate) - other) > 2 for other in partners):
+                partners.append(int(candidate))
+            if len(partners) == self.params.n_partners:
+                break
+        return partners
+
+    def _try(self, fixed: int, moved: int, guess: F64, reach_m: float, turn_rad: float) -> Loop | None:
+        """Search one pair; the best place has to fit, and to be the only one."""
+        self._easel.draw(self.maps[fixed])
+        fits = self._easel.search(self.maps[moved], guess, reach_m, turn_rad)
+        if not fits:
+            return None
+        best = fits[0]
+        reason = self._why_not(best)
+        if reason:
+            self._reject(reason)
+            return None
+        others = [fit for fit in fits[1:] if fit.matched > self.params.margin * best.matched]
+        others = [fit for fit in others if _far_apart(fit.pose, best.pose)]
+        if others:
+            unambiguous = _without_ambiguous_direction(best, others)
+            if unambiguous is None:
+                self._reject("not unique")
+                return None
+            best = unambiguous
+        error = between(guess, best.pose)
+        return Loop(fixed, moved, best, float(np.hypot(error[0], error[1])), abs(float(error[2])))
+
+    def _why_not(self, fit: Fit) -> str:
+        """What speaks against a fit; "" = nothing."""
+        params = self.params
+        if fit.seen < params.min_seen:
+            return "too little overlap"
+        if fit.matched_of_seen < params.min_matched_of_seen:
+            return "too few points match"
+        if fit.in_free > params.max_in_free:
+            return "points in free space"
+        if fit.residual_m > params.max_residual_m:
+            return "residual too large"
+        return ""
+
+    def _both_ways(self, found: list[Loop]) -> list[Loop]:
+        """Keep loops for which the fixed map does not stand in the moved one's free space either."""
+        kept = []
+        for loop in sorted(found, key=lambda loop: (loop.moved, loop.fixed)):
+            self._easel.draw(self.maps[loop.moved])
+            back = self._easel.judge(self.maps[loop.fixed].points, inverse(loop.fit.pose))
+            if (
+                back.in_free > self.params.max_in_free
+                or back.matched_of_seen < self.params.min_matched_of_seen
+            ):
+                self._reject("points in free space")
+            else:
+                kept.append(loop)
+        return kept
+
+    def _has_companions(self, loop: Loop, found: list[Loop], poses: F64) -> bool:
+        """Whether enough neighbouring loops say the same: none for small shifts, one or two for large ones."""
+        needed = 0 if loop.shift_m < 0.5 else 1 if loop.shift_m < 2.0 else 2
+        if needed == 0:
+            return True
+        count = 0
+        for other in (*self.loops, *found):
+            if other is loop or abs(other.fixed - loop.fixed) > 4 or abs(other.moved - loop.moved) > 4:
+                continue
+            way = compose(between(poses[loop.fixed], poses[other.fixed]), other.fit.pose)
+            way = compose(way, between(poses[other.moved], poses[loop.moved]))
+            error = between(way, loop.fit.pose)
+            count += bool(np.hypot(error[0], error[1]) < 0.4 and abs(error[2]) < 0.07)
+        return count >= needed
+
+
+def _far_apart(a: F64, b: F64) -> bool:
+    """Whether two fits are different places."""
+    shift = float(np.linalg.norm(a[:2] - b[:2]))
+    return shift > 0.3 or abs(float(wrap_angle(a[2] - b[2]))) > 0.1
+
+
+def _without_ambiguous_direction(best: Fit, others: list[Fit]) -> Fit | None:
+    """Take away what a fit says along the line on which other places fit as well; None if they lie elsewhere."""
+    shifts = np.array([other.pose[:2] - best.pose[:2] for other in others])
+    turns = np.array([abs(float(wrap_angle(other.pose[2] - best.pose[2]))) for other in others])
+    if float(turns.max()) > 0.1:
+        return None
+    _, _, directions = np.linalg.svd(shifts, full_matrices=False)
+    along = directions[0]
+    if float(np.abs(shifts @ np.array([-along[1], along[0]])).max()) > 0.3:
+        return None
+    keep = np.eye(3)
+    keep[:2, :2] -= np.outer(along, along)
+    information = keep @ best.information @ keep
+    return Fit(best.pose, information, best.residual_m, best.matched, best.seen, best.in_free)
+
+
+def near_maps(anchors: I64, poses: F64, node: int, reach_m: float) -> B1:
+    """(n_maps,) which anchors lie within reach of a node."""
+    distance = np.linalg.norm(poses[anchors, :2] - poses[node, :2], axis=1)
+    return np.asarray(distance < reach_m)

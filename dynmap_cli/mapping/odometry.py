@@ -1,0 +1,211 @@
+"""Calibration of the odometry, on each recording, before it is trusted.
+
+Time lag, rotation scale and bias, translation scale and noise come from a first pass of scan matching.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F64
+from dynmap_cli.domain.poses import between, wrap_angle
+
+_MAX_LAG_SCANS, _MAX_LAG_S = 3.0, 0.6
+_ENOUGH_SCANS = 100
+_TURN_CAP_RAD = 0.05
+_CLEARLY_LESS = 0.95
+_SCALE_PRIOR_RAD, _BIAS_PRIOR_M = 3.0, 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What is wrong with a recording's odometry, as far as the scans tell.
+
+    Attributes
+    ----------
+    lag_scans : float
+        The odometry of scan i is that of scan i + lag_scans; 0 where the lag is given in seconds.
+    lag_s : float
+        The same in seconds of the scan stamps.
+    rotation_scale : float
+        True turn per turn of the odometry.
+    rotation_bias_rad_m : float
+        Additional turn per metre travelled.
+    translation_scale : float
+    turn_noise_rad, turn_noise_share : float
+        Standard deviation of a turn: constant part, and share of the turn.
+    shift_noise_m, shift_noise_share : float
+        The same for the shift.
+    reversible : bool
+        The odometry has no sign: the robot reverses, the odometry never does.
+    """
+
+    lag_scans: float = 0.0
+    lag_s: float = 0.0
+    rotation_scale: float = 1.0
+    rotation_bias_rad_m: float = 0.0
+    translation_scale: float = 1.0
+    turn_noise_rad: float = 0.005
+    turn_noise_share: float = 0.1
+    shift_noise_m: float = 0.01
+    shift_noise_share: float = 0.2
+    reversible: bool = False
+
+    def findings(self) -> list[str]:
+        """Sentences for people: what is unusual about this odometry."""
+        lines = []
+        if abs(self.lag_s) > 0.02:
+            word = "lags the scans" if self.lag_s > 0 else "runs ahead of the scans"
+            lines.append(f"odometry {word} by {abs(self.lag_s):.2f} s")
+        if abs(self.lag_scans) > 0.1:
+            word = "lags the scans" if self.lag_scans > 0 else "runs ahead of the scans"
+            lines.append(f"odometry {word} by {abs(self.lag_scans):.2f} scans")
+        if abs(self.rotation_scale - 1.0) > 0.01 or abs(self.rotation_bias_rad_m) > np.radians(0.5):
+            lines.append(
+                f"odometry turns: scale {self.rotation_scale:.3f}, "
+                f"bias {np.degrees(self.rotation_bias_rad_m):+.1f} deg per metre"
+            )
+        if abs(self.translation_scale - 1.0) > 0.01:
+            lines.append(f"odometry distance: scale {self.translation_scale:.3f}")
+        if self.reversible:
+            lines.append("odometry never runs backwards although the robot does")
+        return lines
+
+
+def corrected_motion(odometry: F64, times_s: F64, calibration: Calibration) -> F64:
+    """Motion of each step in the frame of the scan before, corrected; row 0 is zero, NaN where odometry is missing.
+
+    Parameters
+    ----------
+    odometry : (n, 3) float64
+        odom_from_robot per scan.
+    times_s : (n,) float64
+        Ascending times of the scans.
+    calibration : Calibration
+
+    Returns
+    -------
+    (n, 3) float64
+    """
+    if odometry.shape[0] < 2:
+        return np.zeros_like(odometry)
+    shifted = _shifted(odometry, times_s, calibration.lag_scans, calibration.lag_s)
+    motion = np.zeros_like(odometry)
+    motion[1:] = between(shifted[:-1], shifted[1:])
+    motion[:, :2] *= calibration.translation_scale
+    distance = np.linalg.norm(motion[:, :2], axis=1)
+    motion[:, 2] = calibration.rotation_scale * motion[:, 2] + calibration.rotation_bias_rad_m * distance
+    return motion
+
+
+def calibrate(odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversible: bool) -> Calibration:
+    """Estimate lag, scales, bias and noise from the steps that scan matching found.
+
+    Parameters
+    ----------
+    odometry : (n, 3) float64
+    times_s : (n,) float64
+        Ascending.
+    matched : (n, 3) float64
+        Poses of the first pass.
+    is_good : (n,) bool
+        Scans whose match can be trusted.
+    reversible : bool
+        Shifts are compared without their sign.
+    """
+    steps = between(matched[:-1], matched[1:])
+    usable = (
+        is_good[1:]
+        & is_good[:-1]
+        & np.isfinite(odometry[1:]).all(axis=1)
+        & np.isfinite(odometry[:-1]).all(axis=1)
+    )
+    if int(usable.sum()) < _ENOUGH_SCANS:
+        return Calibration(reversible=reversible)
+    lag_scans, loss_scans = _best_lag(odometry, times_s, steps, usable, in_seconds=False)
+    lag_s, loss_s = _best_lag(odometry, times_s, steps, usable, in_seconds=True)
+    if loss_s < _CLEARLY_LESS * loss_scans:
+        lag_scans = 0.0
+    else:
+        lag_s = 0.0
+    motion = corrected_motion(odometry, times_s, Calibration(lag_scans=lag_scans, lag_s=lag_s))[1:]
+    turns, distances = motion[:, 2], np.linalg.norm(motion[:, :2], axis=1)
+    scale, bias = _robust_turns(turns[usable], distances[usable], steps[usable, 2])
+    forward = np.abs(steps[:, 0]) if reversible else steps[:, 0]
+    straight = usable & (np.abs(turns) < 0.02) & (distances > 0.02)
+    translation = (
+        float(np.median(forward[straight] / distances[straight])) if int(straight.sum()) > 50 else 1.0
+    )
+    residual = np.abs(wrap_angle(steps[:, 2] - scale * turns - bias * distances))
+    turning = usable & (np.abs(turns) > 0.02)
+    still = usable & (np.abs(turns) <= 0.02)
+    share = 1.48 * float(np.median(residual[turning] / np.abs(turns[turning]))) if turning.any() else 0.1
+    constant = 1.48 * float(np.median(residual[still])) if still.any() else 0.005
+    return Calibration(
+        lag_scans=lag_scans,
+        lag_s=lag_s,
+        rotation_scale=scale,
+        rotation_bias_rad_m=bias,
+        translation_scale=translation if 0.5 < translation < 2.0 else 1.0,
+        turn_noise_rad=float(np.clip(constant, 0.002, 0.02)),
+        turn_noise_share=float(np.clip(share, 0.05, 0.4)),
+        reversible=reversible,
+    )
+
+
+def never_runs_backwards(odometry: F64) -> bool:
+    """Whether no step of the odometry goes backwards, although the robot moves."""
+    steps = between(odometry[:-1], odometry[1:])
+    forward = steps[np.isfinite(steps).all(axis=1), 0]
+    return bool((forward > 0.02).sum() > _ENOUGH_SCANS and (forward < -0.01).sum() == 0)
+
+
+def _shifted(odometry: F64, times_s: F64, lag_scans: float, lag_s: float) -> F64:
+    """Odometry at the scans' times plus the lag; ends are held."""
+    index = np.arange(odometry.shape[0], dtype=np.float64)
+    if lag_s:
+        index = np.interp(times_s + lag_s, times_s, index)
+    index = np.clip(index + lag_scans, 0, odometry.shape[0] - 1)
+    left = np.minimum(index.astype(np.int64), odometry.shape[0] - 2)
+    share = (index - left)[:, None]
+    delta = odometry[left + 1] - odometry[left]
+    delta[:, 2] = wrap_angle(delta[:, 2])
+    return np.asarray(odometry[left] + share * delta)
+
+
+def _best_lag(
+    odometry: F64, times_s: F64, steps: F64, usable: B1, *, in_seconds: bool
+) -> tuple[float, float]:
+    """Lag with the least residual turn, by a grid and a parabola; returns lag and loss."""
+    limit = _MAX_LAG_S if in_seconds else _MAX_LAG_SCANS
+    lags = np.linspace(-limit, limit, 61)
+    losses = np.empty(lags.size)
+    for k, lag in enumerate(lags):
+        shifted = _shifted(odometry, times_s, 0.0 if in_seconds else lag, lag if in_seconds else 0.0)
+        turns = wrap_angle(np.diff(shifted[:, 2]))
+        residual = np.abs(wrap_angle(steps[:, 2] - turns))[usable]
+        losses[k] = np.minimum(residual, _TURN_CAP_RAD).mean()
+    best = int(np.argmin(losses))
+    if not 0 < best < lags.size - 1:
+        return 0.0, float(losses[lags.size // 2])
+    before, here, after = losses[best - 1 : best + 2]
+    bend = before - 2.0 * here + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    return float(lags[best] + offset * (lags[1] - lags[0])), float(here)
+
+
+def _robust_turns(turns: F64, distances: F64, found: F64) -> tuple[float, float]:
+    """Scale and bias of the turns by reweighted least squares, with weak priors 1 and 0."""
+    design = np.column_stack([turns, distances])
+    prior = np.diag([_SCALE_PRIOR_RAD, _BIAS_PRIOR_M]) * 1e-2
+    weights = np.ones(turns.size)
+    scale, bias = 1.0, 0.0
+    for _ in range(8):
+        normal = design.T @ (weights[:, None] * design) + prior
+        scale, bias = np.linalg.solve(normal, design.T @ (weights * found) + prior @ np.array([1.0, 0.0]))
+        residual = found - design @ np.array([scale, bias])
+        spread = 1.48 * float(np.median(np.abs(residual))) + 1e-4
+        weights = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
+    return (float(scale), float(bias)) if 0.5 < scale < 2.0 else (1.0, 0.0)

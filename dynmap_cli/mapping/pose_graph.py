@@ -1,0 +1,160 @@
+"""The pose graph: sparse Gauss-Newton on SE(2) with robust kernels.
+
+The kernels are tightened step by step (graduated non-convexity, Geman-McClure).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from dynmap_cli.arrays import F64, I64, U8
+from dynmap_cli.domain.poses import between, wrap_angle
+
+CHAIN, LOOP, DENSE = 0, 1, 2
+"""Where an edge came from: consecutive key scans, two local maps, a key scan in a local map."""
+
+_ANCHOR_WEIGHT = 1e10
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """Relative poses between nodes.
+
+    Attributes
+    ----------
+    first, second : (m,) int64
+        Nodes.
+    measured : (m, 3) float64
+        first_from_second.
+    information : (m, 3, 3) float64
+        Inverse covariance, in the frame of *first*.
+    kind : (m,) uint8
+        CHAIN, LOOP or DENSE.
+    """
+
+    first: I64
+    second: I64
+    measured: F64
+    information: F64
+    kind: U8
+
+    def __len__(self) -> int:
+        """Number of edges."""
+        return int(self.first.size)
+
+
+def no_edges() -> Edges:
+    """An empty set of edges."""
+    none = np.zeros(0, dtype=np.int64)
+    return Edges(none, none, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=np.uint8))
+
+
+def join_edges(*parts: Edges) -> Edges:
+    """All edges of several sets."""
+    return Edges(
+        np.concatenate([part.first for part in parts]),
+        np.concatenate([part.second for part in parts]),
+        np.concatenate([part.measured for part in parts]),
+        np.concatenate([part.information for part in parts]),
+        np.concatenate([part.kind for part in parts]),
+    )
+
+
+def residuals(poses: F64, edges: Edges) -> F64:
+    """(m, 3) estimated minus measured relative pose, in the frame of the first node."""
+    error = between(poses[edges.first], poses[edges.second]) - edges.measured
+    error[:, 2] = wrap_angle(error[:, 2])
+    return np.asarray(error)
+
+
+def squared_distances(poses: F64, edges: Edges) -> F64:
+    """(m,) squared Mahalanobis length of the residuals."""
+    error = residuals(poses, edges)
+    return np.asarray(np.einsum("mi,mij,mj->m", error, edges.information, error))
+
+
+def optimise(poses: F64, edges: Edges, scales: F64, *, rounds: int = 30) -> tuple[F64, F64]:
+    r"""Minimise \sum_k \rho_\mu(r_k^2) over all poses but the first, which stays.
+
+    rho is the Geman-McClure kernel mu c^2 r^2 / (mu c^2 + r^2) of scale c; mu falls from "nearly quadratic" to 1
+    (Yang et al., Graduated Non-Convexity, 2020).
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+        Start.
+    edges : Edges
+    scales : (m,) float64
+        Kernel scale c of each edge in standard deviations; inf = no kernel.
+    rounds : int
+        Gauss-Newton steps at most.
+
+    Returns
+    -------
+    poses : (n, 3) float64
+    weights : (m,) float64
+        Robust weight of each edge at the end, 0 to 1.
+    """
+    current = poses.copy()
+    squared_scales = scales**2
+    mu = float(np.max(squared_distances(current, edges) / squared_scales, initial=1.0))
+    mu = max(1.0, min(2.0 * mu, 1e4))
+    weights = np.ones(len(edges))
+    for _ in range(rounds):
+        squared = squared_distances(current, edges)
+        finite = np.isfinite(squared_scales)
+        weights[finite] = (mu * squared_scales[finite] / (mu * squared_scales[finite] + squared[finite])) ** 2
+        step = _gauss_newton_step(current, edges, weights)
+        current += step
+        current[:, 2] = wrap_angle(current[:, 2])
+        if mu == 1.0 and float(np.abs(step).max()) < 1e-5:
+            break
+        mu = max(1.0, mu / 2.0)
+    return current, weights
+
+
+def jacobians(poses: F64, edges: Edges) -> tuple[F64, F64]:
+    """(m, 3, 3) derivatives of the residuals by the first and the second node."""
+    a, b = poses[edges.first], poses[edges.second]
+    cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
+    dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+    second = np.zeros((len(edges), 3, 3))
+    second[:, 0, 0], second[:, 0, 1] = cos, sin
+    second[:, 1, 0], second[:, 1, 1] = -sin, cos
+    second[:, 2, 2] = 1.0
+    first = -second
+    first[:, 0, 2] = -sin * dx + cos * dy
+    first[:, 1, 2] = -cos * dx - sin * dy
+    return first, second
+
+
+def _gauss_newton_step(poses: F64, edges: Edges, weights: F64) -> F64:
+    """Solve the normal equations of all edges once; (n, 3) step."""
+    error = residuals(poses, edges)
+    by_first, by_second = jacobians(poses, edges)
+    weighted = edges.information * weights[:, None, None]
+    size = 3 * poses.shape[0]
+    offsets = np.arange(3)
+    rows, cols, values = [], [], []
+    right = np.zeros(size)
+    sides = ((edges.first, by_first), (edges.second, by_second))
+    for node_a, jac_a in sides:
+        transposed = np.einsum("mki,mkl->mil", jac_a, weighted)
+        np.add.at(right, (3 * node_a[:, None] + offsets), -np.einsum("mil,ml->mi", transposed, error))
+        for node_b, jac_b in sides:
+            block = np.einsum("mil,mlj->mij", transposed, jac_b)
+            rows.append(np.broadcast_to((3 * node_a[:, None] + offsets)[:, :, None], block.shape).ravel())
+            cols.append(np.broadcast_to((3 * node_b[:, None] + offsets)[:, None, :], block.shape).ravel())
+            values.append(block.ravel())
+    rows.append(np.arange(size))
+    cols.append(np.arange(size))
+    values.append(np.concatenate([np.full(3, _ANCHOR_WEIGHT), np.full(size - 3, 1e-9)]))
+    matrix = sparse.csc_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
+    )
+    solver = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    return np.asarray(solver.solve(right)).reshape(-1, 3)
