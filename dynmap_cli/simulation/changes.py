@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.arrays import B1, F64, I32
 from dynmap_cli.simulation.driving import Drive
 from dynmap_cli.simulation.randomness import stream
 from dynmap_cli.simulation.scenario import Changing, Process, World
@@ -40,13 +40,15 @@ class History:
 def histories(world: World, drive: Drive, seed: int) -> list[History]:
     """States over time of all doors and boxes, in the order of their numbers."""
     centers = object_centers(world)
+    seconds = np.arange(np.ceil(drive.duration_s) + 1.0)
+    robot, awake = drive.at(seconds)[:, :2], drive.is_recorded(seconds)
     result = []
     for number, thing in enumerate((*world.doors, *world.boxes)):
         if thing.process is None:
             events = _scheduled(thing)
         else:
             draw = stream(seed, f"changes of {thing.name}")
-            near = _seconds_near(drive, centers[number], thing.process.near_m)
+            near = awake & (np.linalg.norm(robot - centers[number], axis=1) < thing.process.near_m)
             events = _drawn(thing.process, len(thing.state_names), near, draw)
         times, states = zip(*events, strict=True)
         result.append(
@@ -65,9 +67,9 @@ def _scheduled(thing: Changing) -> list[tuple[float, int]]:
     return events
 
 
-def _drawn(process: Process, n_states: int, near: I64, draw: np.random.Generator) -> list[tuple[float, int]]:
+def _drawn(process: Process, n_states: int, near: B1, draw: np.random.Generator) -> list[tuple[float, int]]:
     """Events at exponential times, put off to the next second in which the condition holds."""
-    allowed = np.ones_like(near) if process.when == "always" else near == (1 if process.when == "near" else 0)
+    allowed = {"always": np.ones_like(near), "near": near, "away": ~near}[process.when]
     seconds = np.flatnonzero(allowed)
     state = int(draw.integers(n_states))
     events, time = [(0.0, state)], 0.0
@@ -80,10 +82,3 @@ def _drawn(process: Process, n_states: int, near: I64, draw: np.random.Generator
         time = float(seconds[later])
         events.append((time, state))
     return events
-
-
-def _seconds_near(drive: Drive, center: F64, near_m: float) -> I64:
-    """(whole seconds of the drive,) 1 where the robot is switched on and near a place."""
-    times = np.arange(np.ceil(drive.duration_s) + 1.0)
-    away = np.linalg.norm(drive.at(times)[:, :2] - center, axis=1)
-    return np.asarray((away < near_m) & drive.is_recorded(times), dtype=np.int64)

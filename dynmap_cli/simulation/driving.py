@@ -48,6 +48,21 @@ class Drive:
         """(m,) whether the robot is switched on."""
         return np.asarray(self.recorded[self._piece(times_s)])
 
+    def recorded_spans(self) -> list[tuple[float, float]]:
+        """Begin and end of each time in which the robot is switched on without a break."""
+        steps = np.diff(np.concatenate([[0], self.recorded.astype(np.int8), [0]]))
+        begins, ends = self.times_s[np.flatnonzero(steps == 1)], self.times_s[np.flatnonzero(steps == -1)]
+        return list(zip(begins.tolist(), ends.tolist(), strict=True))
+
+    def ticks(self, first_s: float, period_s: float, needed_s: float = 0.0) -> F64:
+        """Multiples of a period after the first, at which the robot is switched on and stays so for a while."""
+        ticks = [np.empty(0)]
+        for begin, end in self.recorded_spans():
+            low = max(math.ceil((begin - first_s) / period_s - 1e-9), 0)
+            high = math.floor((end - needed_s - first_s) / period_s + 1e-9)
+            ticks.append(first_s + period_s * np.arange(low, high + 1, dtype=np.float64))
+        return np.concatenate(ticks)
+
     def distance_m(self, times_s: F64) -> F64:
         """(m,) length of the path driven until each time."""
         knots = np.concatenate([[0.0], np.cumsum(np.abs(self.twists[:, 0]) * np.diff(self.times_s))])

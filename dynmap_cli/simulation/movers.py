@@ -125,33 +125,60 @@ def _ways(
     mover: Moving, routes: Sequence[Sequence[Point]], drive: Drive, draw: np.random.Generator
 ) -> list[tuple[F64, F64]]:
     """Times and points of each of the movers that one entry of a scenario stands for."""
-    end_s = drive.duration_s + 1.0
     if isinstance(mover, Walk):
-        return [_walk(mover, end_s)]
+        return [_walk(mover, drive)]
     if isinstance(mover, Wander):
-        return [_wander(mover, routes, end_s, draw) for _ in range(mover.count)]
+        return [_wander(mover, routes, drive, draw) for _ in range(mover.count)]
     if isinstance(mover, Stand):
-        return [_stand(mover, number, end_s, draw) for number in range(mover.count)]
+        return [_stand(mover, number, drive, draw) for number in range(mover.count)]
     assert isinstance(mover, Follow | Block)
     return [_with_robot(mover, drive, draw)]
 
 
-def _walk(mover: Walk, end_s: float) -> tuple[F64, F64]:
+@dataclass(slots=True)
+class _Way:
+    """Knots of a way while it is laid; nobody moves while the robot is switched off."""
+
+    times: list[float]
+    points: list[Point]
+    off: list[tuple[float, float]]
+
+    def go(self, there: Point, seconds: float) -> None:
+        """Be at a place after some seconds, and stay there through any time that nobody sees."""
+        self.times.append(self.times[-1] + max(seconds, 1e-3))
+        self.points.append(there)
+        while self.off and self.off[0][1] <= self.times[-1]:
+            self.off.pop(0)
+        if self.off and self.off[0][0] <= self.times[-1]:
+            self.times.append(self.off[0][1])
+            self.points.append(there)
+
+    def arrays(self) -> tuple[F64, F64]:
+        """Times and points as arrays."""
+        return np.array(self.times), np.array(self.points, dtype=np.float64)
+
+
+def _new_way(begin_s: float, start: Point, drive: Drive) -> _Way:
+    """A way that begins somewhere."""
+    spans = drive.recorded_spans()
+    off = [(before[1], after[0]) for before, after in pairwise(spans)]
+    return _Way([begin_s], [start], off)
+
+
+def _walk(mover: Walk, drive: Drive) -> tuple[F64, F64]:
     """Along the path, to and fro or round and round."""
     lap = [*mover.path, mover.path[0]] if mover.closed else [*mover.path, *mover.path[-2::-1]]
-    times, points = [mover.from_s], [lap[0]]
-    while times[-1] < end_s:
+    way = _new_way(mover.from_s, lap[0], drive)
+    while way.times[-1] <= drive.duration_s:
         for here, there in pairwise(lap):
-            times.append(times[-1] + max(math.dist(here, there) / mover.speed_mps, 1e-3))
-            points.append(there)
+            way.go(there, math.dist(here, there) / mover.speed_mps)
             if mover.pause_s > 0.0:
-                times.append(times[-1] + mover.pause_s)
-                points.append(there)
-    return np.array(times), np.array(points)
+                way.go(there, mover.pause_s)
+    return way.arrays()
 
 
 def _wander(
-    mover: Wander, routes: Sequence[Sequence[Point]], end_s: float, draw: np.random.Generator
+    mover: Wander, routes: Sequence[Sequence[Point]], drive: Drive, draw: np.random.Generator
 ) -> tuple[F64, F64]:
     """A random walk over the crossings of the routes, turning back only at dead ends."""
     neighbours: dict[Point, list[Point]] = {}
@@ -163,16 +190,15 @@ def _wander(
     here = before = crossings[int(draw.integers(len(crossings)))]
     side = _lane(mover, draw)
     speed = mover.speed_mps * float(draw.uniform(0.8, 1.2))
-    times, points = [mover.from_s], [here]
-    while times[-1] < end_s:
+    way = _new_way(mover.from_s, here, drive)
+    while way.times[-1] <= drive.duration_s:
         choices = [there for there in neighbours[here] if there != before] or neighbours[here]
         before, here = here, choices[int(draw.integers(len(choices)))]
-        times.append(times[-1] + max(math.dist(before, here) / speed, 1e-3))
-        points.append(here)
+        way.go(here, math.dist(before, here) / speed)
         if draw.random() < mover.pause_share:
-            times.append(times[-1] + float(draw.exponential(mover.pause_s)))
-            points.append(here)
-    return np.array(times), np.array(points) + side
+            way.go(here, float(draw.exponential(mover.pause_s)))
+    times, points = way.arrays()
+    return times, points + side
 
 
 def _lane(mover: Wander, draw: np.random.Generator) -> F64:
@@ -182,23 +208,22 @@ def _lane(mover: Wander, draw: np.random.Generator) -> F64:
     return draw.choice([-1.0, 1.0], size=2) * (mover.size_m[1] / 2.0 + 0.6)
 
 
-def _stand(mover: Stand, number: int, end_s: float, draw: np.random.Generator) -> tuple[F64, F64]:
+def _stand(mover: Stand, number: int, drive: Drive, draw: np.random.Generator) -> tuple[F64, F64]:
     """In a ring around a place, shifting the feet every ten seconds or so."""
     angle = 2.0 * math.pi * number / mover.count + float(draw.uniform(0.0, 0.5))
     radius = 0.0 if mover.count == 1 else 0.45
-    home = np.array(mover.at) + radius * np.array([math.cos(angle), math.sin(angle)])
-    times, points = [mover.from_s], [home]
-    while times[-1] < end_s:
-        times += [times[-1] + float(draw.exponential(10.0)) + 1.0]
-        points += [points[-1]]
-        times += [times[-1] + 0.5]
-        points += [home + draw.normal(0.0, 0.08, size=2)]
-    return np.array(times), np.array(points)
+    home = (mover.at[0] + radius * math.cos(angle), mover.at[1] + radius * math.sin(angle))
+    way = _new_way(mover.from_s, home, drive)
+    while way.times[-1] <= drive.duration_s:
+        way.go(way.points[-1], float(draw.exponential(10.0)) + 1.0)
+        shift = draw.normal(0.0, 0.08, size=2).tolist()
+        way.go((home[0] + shift[0], home[1] + shift[1]), 0.5)
+    return way.arrays()
 
 
 def _with_robot(mover: Follow | Block, drive: Drive, draw: np.random.Generator) -> tuple[F64, F64]:
     """On the robot's own path, behind or before it, swaying a little."""
-    times = np.arange(0.0, drive.duration_s + 1.0, _SECONDS_PER_SAMPLE)
+    times = drive.ticks(0.0, _SECONDS_PER_SAMPLE)
     driven = drive.distance_m(times)
     distance = -mover.distance_m if isinstance(mover, Follow) else mover.distance_m
     there = driven + distance

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.arrays import F32, F64, I32, I64
 from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.poses import compose, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
@@ -143,11 +143,9 @@ def count_scans(scenario: Scenario) -> int:
 
 def _sweep_times(laser: Laser, drive: Drive, number: int, scenario: Scenario) -> F64:
     """Times at which sweeps of a laser begin and the robot is switched on; lasers take turns."""
-    period = 1.0 / laser.rate_hz
-    first = period * number / len(scenario.lasers)
-    last = drive.duration_s - laser.beam_interval_s * (laser.beams - 1)
-    times = first + period * np.arange(max(math.floor((last - first) / period) + 1, 0), dtype=np.float64)
-    return np.asarray(times[drive.is_recorded(times)])
+    period_s = 1.0 / laser.rate_hz
+    first_s = period_s * number / len(scenario.lasers)
+    return drive.ticks(first_s, period_s, laser.beam_interval_s * (laser.beams - 1))
 
 
 def _sweep(stage: _Stage, laser: Laser, times_s: F64, draw: np.random.Generator) -> tuple[F32, I32]:
@@ -206,14 +204,12 @@ def _wheels(scenario: Scenario, drive: Drive, scan_times_s: F64) -> tuple[F64, F
     """Times and poses of the odometry, and its poses at the scans."""
     if scenario.odometry is None:
         return np.empty(0), np.empty((0, 3)), np.full((scan_times_s.size, 3), np.nan)
-    ticks = np.arange(
-        0.0, drive.duration_s + 1.0 / scenario.odometry.rate_hz, 1.0 / scenario.odometry.rate_hz
-    )
-    recorded: B1 = drive.is_recorded(ticks)
+    period_s = 1.0 / scenario.odometry.rate_hz
+    ticks = drive.ticks(0.0, period_s, -period_s)
     both = np.union1d(ticks, scan_times_s)
     poses = count_wheels(drive, scenario.odometry, both, scenario.seed)
-    at_ticks, at_scans = np.searchsorted(both, ticks[recorded]), np.searchsorted(both, scan_times_s)
-    return ticks[recorded], poses[at_ticks], poses[at_scans]
+    at_ticks, at_scans = np.searchsorted(both, ticks), np.searchsorted(both, scan_times_s)
+    return ticks, poses[at_ticks], poses[at_scans]
 
 
 def _scan_log(scenario: Scenario, times_s: F64, geometry: I32, ranges: F32, odometry: F64) -> ScanLog:

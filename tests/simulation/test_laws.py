@@ -15,6 +15,7 @@ from dynmap_cli.simulation.movers import shapes_at, tracks
 from dynmap_cli.simulation.run import count_scans
 from dynmap_cli.simulation.sensing import FIRST_OBJECT, MIXED, MOVING, NO_RETURN, STATIC
 from dynmap_cli.simulation.shapes import shapes_of
+from dynmap_cli.simulation.worlds import expand
 from tests.reference.simulation import plain_cast
 
 EXACT = {
@@ -100,7 +101,7 @@ def test_each_beam_belongs_to_what_is_nearest_when_everything_is_cast_alone():
     gates = np.concatenate([shapes.segment_gates, shapes.circle_gates])
     times = (run.log.stamps_ns - round(scenario.start.timestamp()) * 10**9) * 1e-9
     compared = 0
-    for scan in range(0, run.log.n_scans, 7):
+    for scan in range(0, run.log.n_scans, 16):
         both = np.array([times[scan], times[scan] + 90 * 0.002])
         robot = drive.at(both)
         seen = shapes_at(people, both, robot, "legs")
@@ -128,7 +129,7 @@ def test_each_beam_belongs_to_what_is_nearest_when_everything_is_cast_alone():
         ends = np.isfinite(nearest) & (nearest > 0.05)
         np.testing.assert_allclose(run.log.ranges_m[scan][ends], nearest[ends], atol=1e-5)
         compared += int(clear.sum())
-    assert compared > 200
+    assert compared > 150
     assert set(np.unique(run.beam_class)) >= {STATIC, MOVING, FIRST_OBJECT, FIRST_OBJECT + 1}
 
 
@@ -307,7 +308,7 @@ def test_changes_wait_for_the_robot_to_be_near_or_away(when):
     run = simulate(
         parse_scenario({"world": {"boxes": [box]}, "robot": {"path": [[0, 0], [20, 0]], "repeat": 4}})
     )
-    history, drive = run.objects[0], plan_drive(run.scenario.robot)
+    history, drive = run.objects[0], plan_drive(expand(run.scenario).robot)
     assert history.times_s.size > 3
     assert all(before != after for before, after in pairwise(history.states.tolist()))
     away = np.linalg.norm(drive.at(history.times_s[1:])[:, :2] - [0, 3], axis=1)

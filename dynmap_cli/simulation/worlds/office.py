@@ -12,6 +12,7 @@ SIZE_M = (36.0, 19.0)
 LEAST_M = (24.0, 16.0)
 _CORRIDOR_M, _DEPTH_M = 2.2, 4.8
 _WIDTHS_M = (3.0, 5.5)
+_CLEAR_M, _TRIES = 1.1, 200
 _DOORS = ("hinged", "hinged", "hinged", "ajar", "sliding")
 
 
@@ -24,6 +25,7 @@ def office(plan: Plan, size_m: tuple[float, float]) -> Lap:
     core = (north - south) / 2.0 - _CORRIDOR_M
     below = add_row(plan, Row(0.0, length, south, -_DEPTH_M, aisle_south), _WIDTHS_M, _DOORS)
     above = add_row(plan, Row(0.0, length, north, _DEPTH_M, aisle_north), _WIDTHS_M, _DOORS)
+    _place_boxes(plan, length, below, above)
     below += add_row(plan, Row(*inner, south + _CORRIDOR_M, core, aisle_south), _WIDTHS_M, _DOORS)
     above += add_row(
         plan, Row(*inner, north - _CORRIDOR_M, -core, aisle_north), _WIDTHS_M, _DOORS, back_wall=False
@@ -33,7 +35,6 @@ def office(plan: Plan, size_m: tuple[float, float]) -> Lap:
         plan.block(
             (x + side * 0.15, plan.number(south + 2.5, north - 2.5), 0.0), (0.3, plan.number(0.3, 0.9))
         )
-    _place_boxes(plan, length, (south, north))
     west, east = _CORRIDOR_M / 2.0, length - _CORRIDOR_M / 2.0
     corners = [(west, aisle_south), (east, aisle_south), (east, aisle_north), (west, aisle_north)]
     below.sort(key=lambda doorway: doorway.outside)
@@ -46,13 +47,18 @@ def office(plan: Plan, size_m: tuple[float, float]) -> Lap:
     return _lap_of(corners, below, above)
 
 
-def _place_boxes(plan: Plan, length: float, walls: tuple[float, float]) -> None:
-    """Put boxes and bins along the outer walls of the corridors: at one of two or three places, or gone."""
+def _place_boxes(plan: Plan, length: float, below: list[Doorway], above: list[Doorway]) -> None:
+    """Put boxes along the outer walls of the corridors, not before doorways: at one of two places, or gone."""
     for number in range(plan.wanted.boxes):
-        y = walls[0] + 0.28 if plan.draw.random() < 0.5 else walls[1] - 0.28
-        x = plan.number(3.0, length - 5.0)
-        places = [(x, y, 0.0), (x + plan.number(1.0, 1.8), y, 0.0)]
-        plan.box(places[: 1 + number % 2], (plan.number(0.4, 0.7), 0.42))
+        doorways = below if plan.draw.random() < 0.5 else above
+        inwards = -1.0 if doorways is below else 1.0
+        y = doorways[0].wall_m - inwards * 0.28
+        for _ in range(_TRIES):
+            x, step = plan.number(3.0, length - 5.0), plan.number(0.8, 1.6)
+            if all(not x - _CLEAR_M < doorway.outside[0] < x + step + _CLEAR_M for doorway in doorways):
+                places = [(x, y, 0.0), (x + step, y, 0.0)]
+                plan.box(places[: 1 + number % 2], (plan.number(0.4, 0.7), 0.42))
+                break
 
 
 def _lap_of(corners: list[Point], below: list[Doorway], above: list[Doorway]) -> Lap:

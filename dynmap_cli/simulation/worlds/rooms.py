@@ -43,11 +43,14 @@ class Doorway:
     ----------
     outside, inside : (x, y)
         In the corridor before it, and in the room behind it.
+    wall_m : float
+        y of the wall it is in.
     has_door : bool
     """
 
     outside: Point
     inside: Point
+    wall_m: float
     has_door: bool
 
 
@@ -65,7 +68,8 @@ def add_row(
         if has_door:
             _hang(plan, start, row, kinds)
         middle = start + DOORWAY_M / 2.0
-        doorways.append(Doorway((middle, row.aisle_m), (middle, row.wall_m + 0.45 * row.depth_m), has_door))
+        inside = (middle, row.wall_m + 0.45 * row.depth_m)
+        doorways.append(Doorway((middle, row.aisle_m), inside, row.wall_m, has_door))
         _furnish(plan, (left, right), row, middle)
         plan.wall((right, row.wall_m), (right, back))
     plan.wall((row.from_m, row.wall_m), (row.from_m, back))
