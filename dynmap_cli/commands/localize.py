@@ -2,11 +2,37 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
+from typing import Any
 
 import click
 
-from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+from dynmap_cli.commands.options import (
+    PATH,
+    Function,
+    Shared,
+    print_summary,
+    recording_options,
+    shared_options,
+    three_numbers,
+)
+
+
+def _start_option(function: Function) -> Function:
+    """Add --start, which stands for the setting `localization.start`."""
+
+    @click.option(
+        "--start",
+        metavar="X,Y,YAW",
+        help="Pose at the first scan, metres and radians (default: found on its own).",
+    )
+    @functools.wraps(function)
+    def wrapper(*args: Any, start: str | None, settings: dict[str, Any], **kwargs: Any) -> None:
+        pose = None if start is None else three_numbers("--start", start)
+        function(*args, settings={**settings, "localization.start": pose}, **kwargs)
+
+    return wrapper
 
 
 @click.command("localize")
@@ -17,6 +43,7 @@ from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_o
 )
 @click.option("--force", is_flag=True, help="Run also when up to date.")
 @recording_options
+@_start_option
 @shared_options
 def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared

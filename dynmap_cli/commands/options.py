@@ -100,7 +100,7 @@ def recording_options(function: Function) -> Function:
         settings = {
             "ingest.scan_topic": scan_topic,
             "ingest.odom": odom,
-            "ingest.laser_pose": None if laser_pose is None else _three_numbers(laser_pose),
+            "ingest.laser_pose": None if laser_pose is None else three_numbers("--laser-pose", laser_pose),
         }
         function(*args, settings=settings, **kwargs)
 
@@ -127,14 +127,14 @@ def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -
             click.echo(line)
 
 
-def _three_numbers(text: str) -> tuple[float, ...]:
-    """Read x,y,yaw."""
+def three_numbers(option: str, text: str) -> tuple[float, ...]:
+    """Read x,y,yaw as an option gives it."""
     try:
         values = tuple(float(word) for word in text.split(","))
     except ValueError:
         values = ()
     if len(values) != 3:
-        msg = f"--laser-pose {text}: expected x,y,yaw in metres and radians, for instance 0.2,0,0"
+        msg = f"{option} {text}: expected x,y,yaw in metres and radians, for instance 0.2,0,0"
         raise click.UsageError(msg)
     return values
 

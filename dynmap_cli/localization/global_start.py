@@ -21,6 +21,8 @@ from dynmap_cli.localization.settings import LocalizationSettings
 START_BEAMS = 60
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
+CLEARLY_BETTER = 3.0
+"""Tempered log-likelihood by which another place must beat the current one."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""
 
@@ -65,11 +67,36 @@ def global_start(
     for later in _later_scans(log, scan, settings):
         if estimate_pose(particles).is_one_mode:
             break
-        step = between(log.odometry[scan], log.odometry[later])
-        scores = candidates.scores + _scores(log, later, compose(candidates.poses, step), pool, settings)
-        candidates = Candidates(candidates.poses, scores)
+        candidates = _with_scan(candidates, log, scan, later, pool, settings)
         particles = draw_start(candidates, settings, random)
     return particles
+
+
+def search_again(
+    log: ScanLog,
+    scan: int,
+    current: F64,
+    pool: MapPool,
+    settings: LocalizationSettings,
+    random: np.random.Generator,
+    executor: ThreadPoolExecutor,
+) -> Particles | None:
+    """Look for a lost robot in the whole map, under this scan and the next ones.
+
+    Returns
+    -------
+    Particles or None
+        None where nothing explains the scans clearly better than the *current* poses (n, 3): then the
+        world has changed, and the robot stays where it is believed to be.
+    """
+    candidates = lattice_candidates(log, scan, pool, settings, executor)
+    rivals = Candidates(current, _scores(log, scan, current, pool, settings))
+    for later in _later_scans(log, scan, settings):
+        candidates = _with_scan(candidates, log, scan, later, pool, settings)
+        rivals = _with_scan(rivals, log, scan, later, pool, settings)
+    if candidates.scores.max() <= rivals.scores.max() + CLEARLY_BETTER:
+        return None
+    return draw_start(candidates, settings, random)
 
 
 def lattice_candidates(
@@ -133,6 +160,20 @@ def given_start(pose: F64, settings: LocalizationSettings, random: np.random.Gen
     poses = pose + sigma * random.standard_normal((settings.max_particles, 3))
     poses[:, 2] = wrap_angle(poses[:, 2])
     return make_particles(poses)
+
+
+def _with_scan(
+    candidates: Candidates,
+    log: ScanLog,
+    scan: int,
+    later: int,
+    pool: MapPool,
+    settings: LocalizationSettings,
+) -> Candidates:
+    """Weigh candidates for the pose of one scan by a later scan as well."""
+    step = between(log.odometry[scan], log.odometry[later])
+    scores = _scores(log, later, compose(candidates.poses, step), pool, settings)
+    return Candidates(candidates.poses, candidates.scores + scores)
 
 
 def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[int]:

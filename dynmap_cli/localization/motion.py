@@ -7,11 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.domain.poses import compose, wrap_angle
+from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.localization.settings import LocalizationSettings
 
 SHORTEST_STEP_M = 0.01
 SHARE_OF_STEP = 0.3
+LONGEST_PREDICTION_S = 1.0
+VELOCITY_MEMORY_S = 0.1
+FASTEST = np.array([20.0, 20.0, 4.0])
+"""m/s, m/s, rad/s: nothing that carries a laser scanner through a mapped place is faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +48,34 @@ def sample_motion(
     moved[:, 1] += settings.drift_sigma_m * drift[1]
     moved[:, 2] = wrap_angle(moved[:, 2] + settings.drift_sigma_rad * drift[2])
     return moved
+
+
+def predicted_step(velocity: F64, seconds: float) -> F64:
+    """How far the robot comes if it goes on as before; not further than in one second."""
+    return velocity * min(max(seconds, 0.0), LONGEST_PREDICTION_S)
+
+
+def updated_velocity(velocity: F64, before: F64, after: F64, weights: F64, seconds: float) -> F64:
+    """Velocity (3,) in the robot frame after a step of the particles.
+
+    The step is the weighted mean of the steps of single particles, so it does not jump when another
+    cluster wins; the memory keeps scans with nearly equal stamps from making it boundless.
+
+    Parameters
+    ----------
+    velocity : (3,) float64
+        Before: x, y in m/s, yaw in rad/s.
+    before, after : (n, 3) float64
+        Poses of the same particles before and after the step.
+    weights : (n,) float64
+        Of the particles after the scan.
+    seconds : float
+        Time of the step.
+    """
+    time_s = min(max(seconds, 0.0), LONGEST_PREDICTION_S)
+    step = weights @ between(before, after)
+    changed = velocity + (step - velocity * time_s) / (time_s + VELOCITY_MEMORY_S)
+    return np.clip(changed, -FASTEST, FASTEST)
 
 
 def _by_odometry(poses: F64, step: F64, noise: F64, settings: LocalizationSettings) -> F64:

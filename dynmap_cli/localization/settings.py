@@ -43,7 +43,7 @@ class LocalizationSettings(BaseModel):
         0.05, gt=0, description="Without odometry: noise of the predicted position, plus 30 % of the step."
     )
     prediction_sigma_rad: float = Field(
-        0.05, gt=0, description="Without odometry: noise of the predicted yaw, plus 30 % of the turn."
+        0.1, gt=0, description="Without odometry: noise of the predicted yaw, plus 30 % of the turn."
     )
 
     max_beams: int = Field(60, ge=4, le=2000, description="Beams of a scan that weigh particles.")

@@ -102,6 +102,8 @@ def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
     if verdicts["changed"]:
         words.append(f"{100 * shares['changed']:.0f} % in changed surroundings")
     words.append(f"{100 * shares['lost']:.0f} % lost" if verdicts["lost"] else "never lost")
+    if found.searches:
+        words.append(f"searched for in the whole map {len(found.searches)} times")
     first_ns = int(found.trajectory.stamps_ns[0]) if n_scans else 0
     lines = [f"{n_scans} of {n_scans} scans localized, {', '.join(words)}"]
     lines += [
@@ -114,6 +116,7 @@ def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
         "updates": len(found.health),
         "path_m": round(found.trajectory.length_m(), 3),
         **{verdict: round(share, 4) for verdict, share in shares.items()},
+        "searches": len(found.searches),
         "submaps_seen": len({row.submap for row in found.states}),
         "lines": lines,
     }

@@ -13,10 +13,10 @@ from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.domain.poses import Trajectory, between, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.localization.global_start import given_start, global_start, is_usable
+from dynmap_cli.localization.global_start import given_start, global_start, is_usable, search_again
 from dynmap_cli.localization.health import NovelPlaces, ScanHealth, Verdict, scan_health
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.motion import Motion, sample_motion
+from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
 from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -39,10 +39,13 @@ from dynmap_cli.progress import Tick, no_tick
 
 _log = logging.getLogger(__name__)
 
-LONGEST_PREDICTION_S = 1.0
 WIDEST_SPREAD_M = 0.5
 """States are learned only while the particles agree this well on a place."""
 REPAINT_ABOVE = 0.01
+SEARCH_AFTER = 10
+"""Updates in a row that are lost before the whole map is searched; doubled after each search in vain."""
+FOUND_AFTER = 30
+"""Updates in a row that are not lost after which a search counts as a success."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +101,8 @@ class Localization:
     states : list of StateRow
     health : list of HealthRow
         One per update.
+    searches : list of int
+        Stamps at which the robot was lost for so long that the whole map was searched for it.
     clouds : list of (stamp_ns, Particles)
         Weighted particles of every update; empty unless they are asked for.
     """
@@ -105,6 +110,7 @@ class Localization:
     trajectory: Trajectory
     states: list[StateRow]
     health: list[HealthRow]
+    searches: list[int]
     clouds: list[tuple[int, Particles]]
 
 
@@ -128,7 +134,7 @@ def localize_log(
         If no scan has enough returns.
     """
     poses = np.full((log.n_scans, 3), np.nan)
-    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [])
+    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [], [])
     random = np.random.default_rng(seed)
     world = World(pool)
     with ThreadPoolExecutor(max_workers=max(threads, 1)) as executor:
@@ -214,6 +220,7 @@ class _Tracker:
         self._windows = _window_table(pool)
         self._novel, self._verdict = NovelPlaces(pool.frame), Verdict()
         self._velocity = np.zeros(3)
+        self._lost, self._found, self._patience = 0, 0, SEARCH_AFTER
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the recording; those before the first usable one are put in at the end."""
@@ -237,7 +244,7 @@ class _Tracker:
         if bool(np.isfinite(odometry[start]).all() and np.isfinite(odometry[end]).all()):
             return Motion(between(odometry[start], odometry[end]), measured=True)
         seconds = (self._log.stamps_ns[end] - self._log.stamps_ns[start]) * 1e-9
-        return Motion(self._velocity * min(float(seconds), LONGEST_PREDICTION_S), measured=False)
+        return Motion(predicted_step(self._velocity, float(seconds)), measured=False)
 
     def _is_due(self, updated: int, scan: int, motion: Motion) -> bool:
         """Whether a scan is weighed: after some way, turn or time; without odometry always."""
@@ -258,10 +265,9 @@ class _Tracker:
         seconds = (stamp - int(self._log.stamps_ns[updated])) * 1e-9
         sweep = sweep_of(self._log, scan, settings.laser_max_range)
         ends = pose_ends(sweep, settings.max_beams)
+        before = particles.poses
         if scan != updated:
-            particles = replace(
-                particles, poses=sample_motion(particles.poses, motion, settings, self._random)
-            )
+            particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if settings.states == "sampled":
             particles = self._draw_states(particles, seconds)
         particles = self._weigh(particles, ends, stamp)
@@ -272,10 +278,35 @@ class _Tracker:
             particles, in_view = self._learn_states(particles, placed, stamp)
             if settings.states == "sampled" and in_view:
                 estimate = estimate_pose(particles)
-        self._remember(scan, updated, seconds, sweep, ends, particles, estimate, in_view)
+        if scan != updated:
+            self._velocity = updated_velocity(
+                self._velocity, before, particles.poses, particles.weights, seconds
+            )
+        self._remember(scan, sweep, ends, particles, estimate, in_view)
+        if self._gave_up():
+            self._result.searches.append(stamp)
+            found = search_again(
+                self._log, scan, particles.poses, self._pool, settings, self._random, self._executor
+            )
+            if found is not None:
+                return found
         if particles.effective < particles.count / 2:
             particles = resample(particles, settings, self._random)
         return particles
+
+    def _gave_up(self) -> bool:
+        """Whether the robot has been lost for so long that the whole map has to be searched."""
+        if self._result.health[-1].verdict != "lost":
+            self._lost, self._found = 0, self._found + 1
+            if self._found >= FOUND_AFTER:
+                self._patience = SEARCH_AFTER
+            return False
+        self._lost, self._found = self._lost + 1, 0
+        if self._lost < self._patience:
+            return False
+        self._lost, self._patience = 0, 2 * self._patience
+        self._verdict = Verdict()
+        return True
 
     def _draw_states(self, particles: Particles, seconds: float) -> Particles:
         """Let every particle keep or change the state of its sub-map."""
@@ -322,8 +353,6 @@ class _Tracker:
     def _remember(
         self,
         scan: int,
-        updated: int,
-        seconds: float,
         sweep: Sweep,
         ends: F64,
         particles: Particles,
@@ -332,10 +361,7 @@ class _Tracker:
     ) -> None:
         """Keep pose, states and health of an update."""
         result, stamp = self._result, int(self._log.stamps_ns[scan])
-        poses = result.trajectory.poses
-        poses[scan] = estimate.pose
-        if scan != updated and seconds > 0.0:
-            self._velocity = between(poses[updated], poses[scan]) / seconds
+        result.trajectory.poses[scan] = estimate.pose
         likeliest = self._world.likeliest(
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )
