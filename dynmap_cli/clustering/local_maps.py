@@ -130,26 +130,23 @@ def align(maps: LocalMaps) -> LocalMaps:
     in both counts: a cell that is free in one map and occupied in another is a change, and no reason to move.
     A map moves only where that makes clearly more cells agree.
     """
-    occupied, known = (
-        (maps.states == OCCUPIED).astype(np.float64),
-        (maps.states != UNKNOWN).astype(np.float64),
-    )
-    if occupied.shape[0] < 2:
+    occupied = (maps.states == OCCUPIED).astype(np.float64)
+    count = occupied.shape[0]
+    if count < 2:
         return maps
-    shifts = [(0, 0)] * occupied.shape[0]
-    sums = np.stack([occupied.sum(axis=0), known.sum(axis=0)])
+    shifts, total = [(0, 0)] * count, occupied.sum(axis=0)
     for _ in range(_ALIGN_ROUNDS):
-        for k, pair in enumerate(zip(occupied, known, strict=True)):
-            others = sums - np.stack([shifted(grid, shifts[k], 0.0) for grid in pair])
-            shifts[k] = _best_shift(occupied[k], others[0] / np.maximum(others[1], 1.0))
-            sums = others + np.stack([shifted(grid, shifts[k], 0.0) for grid in pair])
+        for k, grid in enumerate(occupied):
+            others = total - shifted(grid, shifts[k], 0.0)
+            shifts[k] = _best_shift(grid, others / (count - 1))
+            total = others + shifted(grid, shifts[k], 0.0)
     states = np.stack([shifted(m, s, UNKNOWN) for m, s in zip(maps.states, shifts, strict=True)])
     values = np.stack([shifted(m, s, np.nan) for m, s in zip(maps.reflectance, shifts, strict=True)])
     return LocalMaps(states, values, maps.is_mixed)
 
 
 def _best_shift(occupied: F64, others: F64) -> tuple[int, int]:
-    """Rows and columns by which occupied cells (0 or 1) best meet those of the other maps (share of them)."""
+    """Rows and columns by which occupied cells (0 or 1) best meet those of the other maps (share of the maps)."""
     reach = range(-_MAX_SHIFT_CELLS, _MAX_SHIFT_CELLS + 1)
     candidates = sorted(((row, col) for row in reach for col in reach), key=lambda s: math.hypot(*s))
     best, best_score = (0, 0), -math.inf

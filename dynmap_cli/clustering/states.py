@@ -112,10 +112,7 @@ def learn_states(
 
 
 def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
-    """Cluster the visits that know enough, then assign the others where they leave no doubt.
-
-    States are numbered by the number of visits that founded them, the most frequent first.
-    """
+    """Cluster the visits that know enough, then assign the others where they leave no doubt."""
     count, n_cells = vectors.values.shape
     known_share = (~np.isnan(vectors.values)).sum(axis=1) / max(n_cells, 1)
     patch, membership = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
@@ -129,28 +126,27 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
         return Labels(patch, membership, tuple(remarks))
     founders = Vectors(vectors.values[founds], vectors.component, vectors.n_components)
     clusters = choose_clusters(founders, params.max_states, params.min_cells).clusters
-    chosen = clusters.memberships.argmax(axis=1)
-    order = np.argsort(-np.bincount(chosen, minlength=clusters.count), kind="stable")
-    rank = np.argsort(order, kind="stable")
-    for visit, k, share in zip(np.flatnonzero(founds), chosen, clusters.memberships.max(axis=1), strict=True):
+    chosen = zip(clusters.memberships.argmax(axis=1), clusters.memberships.max(axis=1), strict=True)
+    for visit, (k, share) in zip(np.flatnonzero(founds), chosen, strict=True):
         if largest_contradiction(vectors.values[visit], clusters.centers[k], vectors) >= params.min_cells:
             remarks[visit] = NO_STATE
         else:
-            patch[visit], membership[visit] = rank[k], share
+            patch[visit], membership[visit] = k, share
     late = np.flatnonzero(remarks == TOO_LITTLE)
-    found, share = assign(
-        Vectors(vectors.values[late], vectors.component, vectors.n_components), clusters, params.min_cells
-    )
-    for visit, k, certainty in zip(late[found >= 0], found[found >= 0], share[found >= 0], strict=True):
-        patch[visit], membership[visit], remarks[visit] = rank[k], certainty, ""
-    return _renumbered(Labels(patch, membership, tuple(remarks)))
+    unsure = Vectors(vectors.values[late], vectors.component, vectors.n_components)
+    for visit, k, share in zip(late, *assign(unsure, clusters, params.min_cells), strict=True):
+        if k >= 0:
+            patch[visit], membership[visit], remarks[visit] = k, share, ""
+    return Labels(_renumbered(patch), membership, tuple(remarks))
 
 
-def _renumbered(labels: Labels) -> Labels:
-    """States without a visit are left out, so that numbers have no holes."""
-    used = np.unique(labels.patch[labels.patch >= 0])
-    patch = np.where(labels.patch >= 0, np.searchsorted(used, labels.patch), -1)
-    return Labels(patch.astype(np.int64), labels.membership, labels.remarks)
+def _renumbered(patch: I64) -> I64:
+    """Number states by their visits, the most frequent first, then the one seen first; -1 stays."""
+    used, first, count = np.unique(patch[patch >= 0], return_index=True, return_counts=True)
+    rank = np.argsort(np.lexsort((first, -count)))
+    number = np.full(patch.shape, -1, dtype=np.int64)
+    number[patch >= 0] = rank[np.searchsorted(used, patch[patch >= 0])]
+    return number
 
 
 def _mean_map(maps: LocalMaps, labels: Labels, k: int, owned: B1) -> F32:
