@@ -1,15 +1,175 @@
-"""The door of the room."""
+"""The door of the room: everything a run found -> report.html and figures/."""
 
 from __future__ import annotations
 
-from typing import Any
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from dynmap_cli.domain.patches import PatchSet, Visit
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.manifest import Manifest, read_manifest
+from dynmap_cli.files.patch_archive import read_patches, read_visits
+from dynmap_cli.files.pgm import read_map
+from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.submaps import read_submaps
+from dynmap_cli.files.trajectory import read_tum
+from dynmap_cli.report.page import Picture, Section, write_page
 from dynmap_cli.stage import Stage, StageContext
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from dynmap_cli.config import Config
+    from dynmap_cli.report.curves import RoundRow
+
+_STAGES = (
+    ("ingest", "scans", "ingest", "Recordings"),
+    ("map", "map", "map", "Path, map and moving beams"),
+    ("segment", "submaps", "segmentation", "Areas that change"),
+    ("cluster", "patches", "clustering", "States of each area"),
+)
+"""Name of the stage, its folder, its section of the settings, title on the page."""
 
 
 def run(context: StageContext) -> dict[str, Any]:
     """Read, draw, write."""
-    raise NotImplementedError(context)
+    manifests = {name: _manifest(context.run_dir / folder, name) for name, folder, _, _ in _STAGES}
+    submaps = read_submaps(context.run_dir / "submaps")
+    patches = context.run_dir / "patches" / "patches.zip"
+    patch_sets, visits = read_patches(patches), read_visits(patches)
+    pictures = {
+        "map": (_map_picture(context, submaps), _rounds_picture(context.run_dir / "map" / "em.csv")),
+        "segment": (),
+        "cluster": _state_pictures(submaps, patch_sets, visits),
+    }
+    sections = [
+        Section(
+            title,
+            _lines(manifests[name]),
+            _recordings(manifests[name]) if name == "ingest" else (),
+            pictures.get(name, ()),
+        )
+        for name, _, _, title in _STAGES
+    ]
+    sections.append(_settings_section(context.config, manifests))
+    recordings = read_scan_log(context.scans_dir).recordings
+    _write(context.out_dir, write_page(f"dynmap: {', '.join(recordings)}", sections), sections)
+    count = sum(len(section.pictures) for section in sections)
+    return {"figures": count, "lines": [f"{count} figures in figures/, and all of them in report.html"]}
+
+
+def _manifest(folder: Path, stage: str) -> Manifest:
+    """Manifest of a stage that must be done."""
+    found = read_manifest(folder, stage)
+    if found is None:
+        msg = f"{folder}: stage '{stage}' is not done here. Run `dynmap build` first."
+        raise ArtifactError(msg)
+    return found
+
+
+def _lines(manifest: Manifest) -> tuple[str, ...]:
+    """What a stage said."""
+    return tuple(str(line) for line in manifest.summary.get("lines", ()))
+
+
+def _recordings(manifest: Manifest) -> tuple[tuple[str, str], ...]:
+    """Names and digests of what was read."""
+    return tuple((Path(name).name, f"sha256 {digest[:16]}…") for name, digest in manifest.inputs.items())
+
+
+def _settings_section(config: Config, manifests: Mapping[str, Manifest]) -> Section:
+    """The settings of the stages that are not the default."""
+    rows = []
+    for name, _, section, _ in _STAGES:
+        defaults = type(getattr(config, section))().model_dump(mode="json")
+        rows += [
+            (f"{section}.{key}", f"{value} (default {defaults.get(key)})")
+            for key, value in manifests[name].settings.items()
+            if value != defaults.get(key)
+        ]
+    lines = () if rows else ("all settings are the defaults",)
+    return Section("Settings that are not the default", lines, tuple(rows))
+
+
+def _map_picture(context: StageContext, submaps: Sequence[SubMap]) -> Picture:
+    """The map with path, removed beams and sub-maps."""
+    from dynmap_cli.report.pictures import MapPicture, removed_end_points
+
+    folder = context.run_dir / "map"
+    poses = read_tum(folder / "trajectory.tum").poses
+    removed = removed_end_points(read_scan_log(context.scans_dir), poses, read_beams(folder / "beams.npz"))
+    grid, _ = read_map(folder / "map.yaml")
+    caption = (
+        "Black: walls. White: free. Grey: never seen. Blue: the path. "
+        f"Orange: {removed.shape[0]} end points of beams that hit something that moves, left out of the map. "
+        + ("Red: areas that change, with their numbers." if submaps else "No area was seen in two states.")
+    )
+    return Picture("map.png", _png(MapPicture(grid).draw(removed, poses[:, :2], submaps)), caption)
+
+
+def _rounds_picture(path: Path) -> Picture:
+    """Curves of em.csv."""
+    from dynmap_cli.report.curves import draw_rounds
+
+    caption = (
+        "Rounds of registration and filtering: how well all beams are explained, how many are called dynamic."
+    )
+    return Picture("rounds.png", draw_rounds(_read_rounds(path)), caption)
+
+
+def _read_rounds(path: Path) -> list[RoundRow]:
+    """Read map/em.csv."""
+    from dynmap_cli.report.curves import RoundRow
+
+    try:
+        with path.open(encoding="ascii", newline="") as stream:
+            return [
+                RoundRow(float(row["log_likelihood"]), float(row["dynamic_share"]))
+                for row in csv.DictReader(stream)
+            ]
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        msg = f"{path}: not a readable table of rounds ({err!r}). Run `dynmap map` again with --force."
+        raise ArtifactError(msg) from err
+
+
+def _state_pictures(
+    submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
+) -> tuple[Picture, ...]:
+    """When which state was seen, and what the states look like."""
+    from dynmap_cli.report.curves import draw_visits
+    from dynmap_cli.report.pictures import draw_states
+
+    pictures = []
+    if visits:
+        caption = "Visits: one bar each, coloured by the state it saw; grey where none was recognised."
+        pictures.append(Picture("visits.png", draw_visits(visits), caption))
+    places = {submap.submap_id: submap for submap in submaps}
+    for patch_set in patch_sets:
+        number = patch_set.submap_id
+        x, y = places[number].center_m
+        caption = f"Sub-map {number} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
+        pictures.append(Picture(f"submap_{number:03d}.png", _png(draw_states(patch_set)), caption))
+    return tuple(pictures)
+
+
+def _png(image: Image.Image) -> bytes:
+    """Bytes of a PNG file."""
+    stream = io.BytesIO()
+    image.save(stream, format="PNG")
+    return stream.getvalue()
+
+
+def _write(out_dir: Path, page: str, sections: Sequence[Section]) -> None:
+    """Write the page, and its pictures once more as files."""
+    (out_dir / "figures").mkdir()
+    for picture in (picture for section in sections for picture in section.pictures):
+        (out_dir / "figures" / picture.name).write_bytes(picture.png)
+    (out_dir / "report.html").write_text(page, encoding="utf-8")
 
 
 STAGE = Stage(

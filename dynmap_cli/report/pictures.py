@@ -1,0 +1,143 @@
+"""Pictures on the cells of the map: the map with path, removed beams and sub-maps; the states of a sub-map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from dynmap_cli.arrays import F32, F64, I8, U8
+from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
+from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.poses import transform_points
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.submaps import SubMap
+
+_WALL, _FREE, _UNKNOWN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
+_MOVED, _PATH, _SUBMAP, _CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
+_TARGET_PIXELS, _MOST_PIXELS = 1000, 2400
+_TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
+_FULL_REFLECTANCE = 0.5
+
+
+def removed_end_points(log: ScanLog, poses: F64, static_probability: F32) -> F64:
+    """(n, 2) end points, in the map frame, of the beams that are called dynamic (e < 1/2)."""
+    scan, beam = np.nonzero(static_probability < 0.5)
+    geometry = log.geometry_index[scan]
+    bearing = log.bearings_rad[geometry, beam]
+    ranges = np.asarray(log.ranges_m[scan, beam], dtype=np.float64)[:, None]
+    in_sensor = ranges * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    return transform_points(poses[scan], transform_points(log.sensor_poses[geometry], in_sensor))
+
+
+class MapPicture:
+    """A map drawn with a whole number of pixels per cell, or of cells per pixel where it is large."""
+
+    def __init__(self, grid: OccupancyGrid) -> None:
+        self._frame = grid.frame
+        rows, cols = grid.frame.shape
+        self._zoom, reduce = (
+            max(1, _TARGET_PIXELS // max(rows, cols)),
+            math.ceil(max(rows, cols) / _MOST_PIXELS),
+        )
+        cells = _reduced(grid.cells, reduce)
+        colours = np.full((*cells.shape, 3), _UNKNOWN, dtype=np.uint8)
+        colours[cells == FREE] = _FREE
+        colours[cells == OCCUPIED] = _WALL
+        self._pixels: U8 = np.flipud(colours).repeat(self._zoom, axis=0).repeat(self._zoom, axis=1)
+        self._pixels_per_m = self._zoom / reduce / grid.frame.resolution_m
+
+    def draw(self, removed_m: F64, path_m: F64, submaps: Sequence[SubMap]) -> Image.Image:
+        """Put removed beams, path and numbered sub-maps on the map.
+
+        Parameters
+        ----------
+        removed_m : (n, 2) float64
+            End points of the beams that were removed.
+        path_m : (m, 2) float64
+        submaps : sequence of SubMap
+        """
+        pixels = self._pixels.copy()
+        height, width = pixels.shape[:2]
+        spots = np.floor(self._to_pixels(removed_m)).astype(np.int64)
+        for step_x, step_y in ((0, 0), (1, 0), (0, 1), (1, 1))[: 1 if self._zoom == 1 else 4]:
+            x, y = spots[:, 0] + step_x, spots[:, 1] + step_y
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            pixels[y[inside], x[inside]] = _MOVED
+        image = Image.fromarray(pixels)
+        pen = ImageDraw.Draw(image)
+        if path_m.shape[0] > 1:
+            pen.line([tuple(point) for point in self._to_pixels(path_m).tolist()], fill=_PATH, width=2)
+        for submap in submaps:
+            self._draw_submap(pen, submap)
+        self._draw_scale(pen, height)
+        return image
+
+    def _to_pixels(self, points_m: F64) -> F64:
+        """Points of the map frame in the picture, whose first row is on top."""
+        x = (points_m[:, 0] - self._frame.origin_x_m) * self._pixels_per_m
+        y = self._pixels.shape[0] - (points_m[:, 1] - self._frame.origin_y_m) * self._pixels_per_m
+        return np.column_stack([x, y])
+
+    def _draw_submap(self, pen: ImageDraw.ImageDraw, submap: SubMap) -> None:
+        """Draw a rectangle with the number of the sub-map beside its upper right corner."""
+        frame = submap.frame
+        low = np.array([frame.origin_x_m, frame.origin_y_m])
+        (left, bottom), (right, top) = self._to_pixels(np.array([low, low + submap.size_m])).tolist()
+        pen.rectangle((left, top, right, bottom), outline=_SUBMAP, width=2)
+        pen.text((right + 3, top - 2), str(submap.submap_id), fill=_SUBMAP, font=_font(18))
+
+    def _draw_scale(self, pen: ImageDraw.ImageDraw, height: int) -> None:
+        """Draw a bar of 1, 2, 5, 10, ... metres."""
+        longest_m = 0.25 * self._pixels.shape[1] / self._pixels_per_m
+        decade = 10.0 ** math.floor(math.log10(longest_m))
+        length_m = max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest_m)
+        y, right = height - 10, 10 + length_m * self._pixels_per_m
+        pen.line((10, y, right, y), fill=_WALL, width=3)
+        pen.text((10, y - 20), f"{length_m:g} m", fill=_WALL, font=_font(14))
+
+
+def draw_states(patch_set: PatchSet) -> Image.Image:
+    """Draw the states of a sub-map beside one another; cells that change and reflect are red."""
+    rows, cols = patch_set.frame.shape
+    zoom = max(1, min(_MOST_ZOOM, _TILE_PIXELS // max(rows, cols)))
+    step_x = max(cols * zoom, 110) + _GAP_PIXELS
+    step_y = rows * zoom + _TEXT_PIXELS + _GAP_PIXELS
+    count = len(patch_set.patches)
+    per_row = min(count, _TILES_PER_ROW)
+    sheet = Image.new("RGB", (per_row * step_x, math.ceil(count / per_row) * step_y), (255, 255, 255))
+    pen = ImageDraw.Draw(sheet)
+    for number, patch in enumerate(patch_set.patches):
+        left, top = number % per_row * step_x, number // per_row * step_y
+        visits = f"{patch.support} visit{'s' * (patch.support != 1)}"
+        pen.text((left, top), f"state {patch.patch_id}: {visits}", fill=_WALL, font=_font(12))
+        tile = Image.fromarray(_tile(patch.reflectance, patch_set).repeat(zoom, axis=0).repeat(zoom, axis=1))
+        sheet.paste(tile, (left, top + _TEXT_PIXELS))
+        box = (left, top + _TEXT_PIXELS, left + cols * zoom - 1, top + _TEXT_PIXELS + rows * zoom - 1)
+        pen.rectangle(box, outline=(150, 150, 150))
+    return sheet
+
+
+def _tile(reflectance: F32, patch_set: PatchSet) -> U8:
+    """(rows, cols, 3) colours of a state, first row on top."""
+    strength = np.clip(np.nan_to_num(reflectance) / _FULL_REFLECTANCE, 0.0, 1.0)[..., None]
+    ink = np.where(patch_set.varying[..., None], np.array(_CHANGING), np.array(_WALL))
+    colours = np.array(_FREE) * (1.0 - strength) + ink * strength
+    colours[np.isnan(reflectance)] = _UNKNOWN
+    return np.asarray(np.flipud(colours), dtype=np.uint8)
+
+
+def _reduced(cells: I8, factor: int) -> I8:
+    """Largest value of each block of factor x factor cells: walls stay, then free, then unknown."""
+    if factor == 1:
+        return cells
+    rows, cols = (-(-size // factor) * factor for size in cells.shape)
+    padded = np.pad(cells, ((0, rows - cells.shape[0]), (0, cols - cells.shape[1])), constant_values=-1)
+    return np.asarray(padded.reshape(rows // factor, factor, cols // factor, factor).max(axis=(1, 3)))
+
+
+def _font(pixels: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The font that comes with Pillow."""
+    return ImageFont.load_default(pixels)
