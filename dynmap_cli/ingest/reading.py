@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import F64
+from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.bags import ForeignProfileError, read_bag
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
+from dynmap_cli.ingest.free_space import Sweeps
 from dynmap_cli.ingest.lasers import LaserChoice, choose_lasers, view_lasers
 from dynmap_cli.ingest.mcap_files import read_mcap
 from dynmap_cli.ingest.merging import (
@@ -89,9 +91,15 @@ def merge_recordings(
     poses = _cut_ends(columns, odometry, joined)
     _warn_of_bad_stamps(odometry, poses, out_of_order, joined)
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
-    verdicts = [_rewrite_ranges(columns, number, choice, settings) for number, choice in enumerate(used)]
+    bearings_rad = _bearing_table(columns, mountings)
+    verdicts = [
+        _rewrite_ranges(
+            columns, number, choice, bearings_rad, compose(poses, mounting.robot_from_sensor), settings
+        )
+        for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))
+    ]
     poses = _drop_empty(columns, poses, joined)
-    log = _scan_log(columns, poses, mountings, verdicts, names)
+    log = _scan_log(columns, poses, bearings_rad, mountings, verdicts, names)
     report = _report(
         recordings, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree
     )
@@ -186,15 +194,35 @@ def _warn_of_bad_stamps(odometry: Odometry, poses: F64, out_of_order: int, joine
         )
 
 
-def _rewrite_ranges(columns: Columns, number: int, choice: LaserChoice, settings: IngestSettings) -> NoReturn:
+def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:
+    """Directions of the beams of each geometry (n_geometries, n_beams); they run backwards where upside down."""
+    table = np.full((len(columns.geometries), columns.ranges_m.shape[1]), np.nan)
+    for row, (laser, shape) in enumerate(columns.geometries):
+        sign = -1.0 if mountings[laser].is_upside_down else 1.0
+        table[row, : shape.n_beams] = sign * shape.bearings_rad
+    return table
+
+
+def _rewrite_ranges(
+    columns: Columns,
+    number: int,
+    choice: LaserChoice,
+    bearings_rad: F64,
+    odom_from_sensor: F64,
+    settings: IngestSettings,
+) -> NoReturn:
     """Find what beams without return say for one laser, and rewrite its ranges."""
     rows = columns.laser == number
     shape = choice.view.laser.shapes[0]
-    ranges_m = columns.ranges_m if rows.all() else columns.ranges_m[rows]
-    verdict = judge_no_return(ranges_m, shape.range_min_m, shape.range_max_m, settings.no_return)
-    apply_no_return(ranges_m, shape.range_min_m, verdict)
-    if ranges_m is not columns.ranges_m:
-        columns.ranges_m[rows] = ranges_m
+    sweeps = Sweeps(
+        columns.ranges_m[rows],
+        bearings_rad,
+        columns.geometry_index[rows],
+        odom_from_sensor[rows],
+    )
+    verdict = judge_no_return(sweeps, shape.range_min_m, shape.range_max_m, settings.no_return)
+    apply_no_return(sweeps.ranges_m, shape.range_min_m, verdict)
+    columns.ranges_m[rows] = sweeps.ranges_m
     return verdict
 
 
@@ -217,22 +245,18 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
 def _scan_log(
     columns: Columns,
     poses: F64,
+    bearings_rad: F64,
     mountings: Sequence[Mounting],
     verdicts: Sequence[NoReturn],
     names: tuple[str, ...],
 ) -> ScanLog:
     """Build the geometry table and put everything together."""
-    n_beams = columns.ranges_m.shape[1]
-    bearings = np.full((len(columns.geometries), n_beams), np.nan)
-    for row, (laser, shape) in enumerate(columns.geometries):
-        sign = -1.0 if mountings[laser].is_upside_down else 1.0
-        bearings[row, : shape.n_beams] = sign * shape.bearings_rad
     return ScanLog(
         stamps_ns=columns.stamps_ns,
         ranges_m=columns.ranges_m,
         odometry=poses,
         geometry_index=columns.geometry_index,
-        bearings_rad=bearings,
+        bearings_rad=bearings_rad,
         sensor_poses=np.array([mountings[laser].robot_from_sensor for laser, _ in columns.geometries]),
         range_limits_m=np.array(
             [(shape.range_min_m, verdicts[laser].reach_m) for laser, shape in columns.geometries]
@@ -310,6 +334,6 @@ def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None
         upside_down=mounting.is_upside_down if mounting else False,
         no_return=verdict.policy if verdict else "",
         no_return_why=verdict.why if verdict else "",
-        share_no_return=round(verdict.share_infinite + verdict.share_beyond, 5) if verdict else 0.0,
+        share_no_return=round(verdict.share_no_return, 5) if verdict else 0.0,
         share_no_measurement=round(verdict.share_nothing, 5) if verdict else 0.0,
     )

@@ -5,9 +5,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from dynmap_cli.ingest.ranges import apply_no_return, find_reach_m, judge_no_return
+from dynmap_cli.ingest.free_space import Sweeps
+from dynmap_cli.ingest.ranges import apply_no_return, find_reach_m
+from dynmap_cli.ingest.ranges import judge_no_return as judge_sweeps
 
 any_range = st.floats(width=32, allow_nan=True, allow_infinity=True)
+
+
+def judge_no_return(ranges, low, high, wish):
+    """The verdict without odometry."""
+    n_scans, n_beams = ranges.shape
+    nowhere = np.full((n_scans, 3), np.nan)
+    sweeps = Sweeps(ranges, np.zeros((1, n_beams)), np.zeros(n_scans, dtype=np.int32), nowhere)
+    return judge_sweeps(sweeps, low, high, wish)
 
 
 def plain(value: float, low: float, reach: float, policy: str) -> float:
@@ -48,7 +58,7 @@ def test_a_driver_that_writes_infinity_means_free():
     verdict = judge_no_return(ranges, 0.0, 30.0, "auto")
     assert verdict.policy == "free"
     assert "REP 117" in verdict.why
-    assert verdict.share_infinite == np.mean(np.isinf(ranges))
+    assert verdict.share_no_return == np.mean(np.isinf(ranges))
 
 
 def test_codes_far_beyond_all_returns_say_nothing():
@@ -85,7 +95,7 @@ def test_range_max_itself_is_no_return_also_after_rounding():
 def test_without_codes_the_reach_lies_above_the_largest_value():
     ranges = indoor()
     assert find_reach_m(ranges) > ranges.max()
-    assert judge_no_return(ranges, 0.01, np.inf, "auto").share_beyond == 0.0
+    assert judge_no_return(ranges, 0.01, np.inf, "auto").share_no_return == 0.0
 
 
 def test_several_codes_of_one_driver_are_all_found():

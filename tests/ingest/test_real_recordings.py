@@ -24,20 +24,20 @@ FOUND = {
     "wean/robotdata2.log.gz": (2251, 180, ["L"], (0.25, 0, 0), "L", 87.2, "ignore"),
     "wean/robotdata4.log.gz": (600, 180, ["L"], (0.25, 0, 0), "L", 21.5, "ignore"),
     "bags/general_tracking_moving_1.bag.zip": (
-        873, 768, ["/scan"], (0.850, 0.235, 0.7348), "tf odom -> base_link", 109.7, "free",
+        873, 768, ["/scan"], (0.850, 0.235, 0.7348), "tf odom -> base_link", 109.7, "ignore",
     ),
     "bags/jarvis_complex_path_fast.bag": (
         590, 1440, ["/driver_laser_navigation/laser_scan"], (0.194, 0, 0), "tf odom -> base_footprint", 17.9, "ignore",
     ),
     "bags/guardian_controller_2.bag": (
-        2054, 681, ["/hokuyo_back_scan", "/scan"], (-0.432, 0, np.pi), "tf odom -> base_footprint", 21.3, "free",
+        2054, 681, ["/hokuyo_back_scan", "/scan"], (-0.432, 0, np.pi), "tf odom -> base_footprint", 21.3, "ignore",
     ),
     "bags/guardian_tilting_laser.bag": (
-        418, 681, ["/guardian/laser_horizontal_back"], (-0.432, 0, np.pi), "tf odom -> base_footprint", 2.3, "free",
+        418, 681, ["/guardian/laser_horizontal_back"], (-0.432, 0, np.pi), "tf odom -> base_footprint", 2.3, "ignore",
     ),
     "bags/two_robots.bag": (388, 360, ["/scan"], (-0.1385, 0, 0), "none", 0.0, "free"),
     "bags/intersection.bag": (85, 360, ["/scan"], (0, 0, 0), "none", 0.0, "free"),
-    "bags/turtlebot4_mac": (356, 720, ["/scan"], (0.004, 0, np.pi / 2), "tf odom -> base_link", 8.3, "free"),
+    "bags/turtlebot4_mac": (356, 720, ["/scan"], (0.004, 0, np.pi / 2), "tf odom -> base_link", 8.3, "ignore"),
     "bags/neato_left_side.bag": (174, 361, ["/scan"], (-0.102, 0, np.pi), "tf odom -> base_link", 4.8, "ignore"),
     "bags/neato_middle.bag": (184, 361, ["/scan"], (-0.102, 0, np.pi), "tf odom -> base_link", 4.9, "ignore"),
 }  # fmt: skip

@@ -1,0 +1,115 @@
+"""Whether beams without return pass through what other beams hit: then they did not find free space, they failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
+
+_WINDOWS, _SCANS, _BEAMS = 8, 60, 90
+_STEP_M, _FARTHEST_M = 0.2, 10.0
+_BEFORE_END_M = 0.5
+_LEAST_HITS, _SOLID = 3, 0.5
+_LEAST_BEAMS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Sweeps:
+    """Sweeps of one laser with the places of their beams.
+
+    Attributes
+    ----------
+    ranges_m : (n, n_beams) float32
+        As recorded; NaN also where a geometry has fewer beams.
+    bearings_rad : (n_geometries, n_beams) float64
+    geometry_index : (n,) int32
+    odom_from_sensor : (n, 3) float64
+        NaN where unknown.
+    """
+
+    ranges_m: F32
+    bearings_rad: F64
+    geometry_index: I32
+    odom_from_sensor: F64
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """How many beams cross cells that are solid for the others.
+
+    Attributes
+    ----------
+    of_no_returns : float
+        Share of the beams without return that cross one within the reach, or 10 m.
+    of_returns : float
+        The same for beams with a return, up to 0.5 m before their end: what errors of the poses explain.
+    """
+
+    of_no_returns: float
+    of_returns: float
+
+
+def find_contradiction(
+    sweeps: Sweeps, is_return: B1, is_no_return: B1, reach_m: float
+) -> Contradiction | None:
+    """Trace beams through grids of 20 cm drawn from 60 scans each, short enough for odometry to hold.
+
+    A cell is solid where at least three beams end, and no fewer than pass.
+
+    Parameters
+    ----------
+    sweeps : Sweeps
+    is_return, is_no_return : (n, n_beams) bool
+        What the values of the sweeps are.
+    reach_m : float
+
+    Returns
+    -------
+    Contradiction or None
+        None where too few beams have no return, or too few scans a pose.
+    """
+    ranges_m, origins = sweeps.ranges_m, sweeps.odom_from_sensor
+    crossing, counted = np.zeros(2), np.zeros(2)
+    farthest_m = min(reach_m, _FARTHEST_M)
+    picked = slice(None, None, max(1, ranges_m.shape[1] // _BEAMS))
+    for start in np.unique(np.linspace(0, max(ranges_m.shape[0] - _SCANS, 0), _WINDOWS).astype(np.int64)):
+        scans = np.arange(start, min(start + _SCANS, ranges_m.shape[0]))
+        scans = scans[np.isfinite(origins[scans]).all(axis=1)]
+        if scans.size < _LEAST_HITS:
+            continue
+        length_m = np.where(is_return[scans, picked], ranges_m[scans, picked], np.inf)
+        bearings_rad = sweeps.bearings_rad[sweeps.geometry_index[scans], picked]
+        angle_rad = origins[scans, 2, None] + bearings_rad
+        crosses = _crosses_solid(length_m, angle_rad, origins[scans, :2], farthest_m)
+        for kind, mask in enumerate((is_no_return[scans, picked], is_return[scans, picked])):
+            crossing[kind] += np.count_nonzero(crosses & mask)
+            counted[kind] += np.count_nonzero(mask)
+    if counted.min() < _LEAST_BEAMS:
+        return None
+    shares = crossing / counted
+    return Contradiction(float(shares[0]), float(shares[1]))
+
+
+def _crosses_solid(length_m: F64, angle_rad: F64, origins_m: F64, farthest_m: float) -> B1:
+    """(n, n_beams) whether a beam crosses a solid cell; beams of infinite length are traced up to *farthest_m*."""
+    along_m = np.arange(_STEP_M, farthest_m, _STEP_M)
+    angle_rad = np.where(np.isfinite(angle_rad), angle_rad, 0.0)
+    direction = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+    origins_m = origins_m - origins_m.min(axis=0) + farthest_m + _STEP_M
+    n_cells = int(np.ceil((origins_m.max() + farthest_m) / _STEP_M)) + 2
+    ends = _cells(origins_m[:, None] + np.minimum(length_m, farthest_m)[..., None] * direction, n_cells)
+    hits = np.bincount(ends[length_m < farthest_m], minlength=n_cells**2)
+    samples = _cells(origins_m[:, None, None] + along_m[:, None] * direction[:, :, None], n_cells)
+    is_before_end = along_m < length_m[..., None] - _BEFORE_END_M
+    is_passed = is_before_end & np.isfinite(length_m)[..., None]
+    passes = np.bincount(samples[is_passed], minlength=n_cells**2)
+    is_solid = (hits >= _LEAST_HITS) & (hits >= _SOLID * (hits + passes))
+    return np.asarray((is_solid[samples] & is_before_end).any(axis=-1))
+
+
+def _cells(points_m: F64, n_cells: int) -> I64:
+    """Flat cell numbers of points (..., 2) in a square grid that starts at the origin."""
+    cells = np.floor(points_m / _STEP_M).astype(np.int64)
+    return np.asarray(cells[..., 0] * n_cells + cells[..., 1])
