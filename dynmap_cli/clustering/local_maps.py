@@ -147,11 +147,13 @@ def align(maps: LocalMaps) -> LocalMaps:
 
 def _best_shift(occupied: F64, others: F64) -> tuple[int, int]:
     """Rows and columns by which occupied cells (0 or 1) best meet those of the other maps (share of the maps)."""
+    rows, cols = np.nonzero(occupied)
+    padded = np.pad(others, _MAX_SHIFT_CELLS)
     reach = range(-_MAX_SHIFT_CELLS, _MAX_SHIFT_CELLS + 1)
     candidates = sorted(((row, col) for row in reach for col in reach), key=lambda s: math.hypot(*s))
     best, best_score = (0, 0), -math.inf
     for shift in candidates:
-        score = float((shifted(occupied, shift, 0.0) * others).sum())
+        score = float(padded[rows + _MAX_SHIFT_CELLS + shift[0], cols + _MAX_SHIFT_CELLS + shift[1]].sum())
         if score > best_score + (_MIN_GAIN_CELLS if best_score > -math.inf else 0.0):
             best, best_score = shift, score
     return best
