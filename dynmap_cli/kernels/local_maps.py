@@ -282,6 +282,7 @@ def refine_local_map(
     field: U8,
     pose: F64,
     information: F64,
+    stride: int,
     polish: int,
 ) -> float:
     """Refine drawn_from_moved by a small correlative search (polish 0) and point-to-line Gauss-Newton steps.
@@ -296,6 +297,8 @@ def refine_local_map(
         Start; refined in place.
     information : (3, 3) float64
         Normal equations of the last step in units of a residual of 1 m.
+    stride : int
+        Every how many points are used.
     polish : int
         1 = the start is within a few centimetres.
 
@@ -306,14 +309,14 @@ def refine_local_map(
     """
     if polish == 0:
         best, best_x, best_y, best_yaw = -1, pose[0], pose[1], pose[2]
-        stride = max(1, count // 300)
+        sparse = max(stride, count // 150)
         for a in range(-4, 5):
             yaw = pose[2] + 0.0075 * a
             cos, sin = math.cos(yaw), math.sin(yaw)
-            for dy in range(-5, 6):
-                for dx in range(-5, 6):
+            for dy in range(-4, 5, 2):
+                for dx in range(-4, 5, 2):
                     total = 0
-                    for k in range(0, count, stride):
+                    for k in range(0, count, sparse):
                         col = (
                             int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / CELL_M)) + dx
                         )
@@ -327,12 +330,12 @@ def refine_local_map(
         pose[0], pose[1], pose[2] = best_x, best_y, best_yaw
     squared = weight_sum = 0.0
     for iteration in range(12):
-        scale = 0.12 if iteration < 3 else 0.06
-        radius = 3 if iteration < 3 else 2
+        scale = 0.06 if polish or iteration > 2 else 0.12
+        radius = 2 if polish or iteration > 2 else 3
         information[:] = 0.0
         gx = gy = gt = squared = weight_sum = 0.0
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        for k in range(count):
+        for k in range(0, count, stride):
             px = cos * points[k, 0] - sin * points[k, 1]
             py = sin * points[k, 0] + cos * points[k, 1]
             x, y = pose[0] + px, pose[1] + py
@@ -380,7 +383,7 @@ def refine_local_map(
         pose[0] -= dx
         pose[1] -= dy
         pose[2] -= dt
-        if iteration > 3 and abs(dx) + abs(dy) < 1e-4 and abs(dt) < 1e-5:
+        if (polish or iteration > 3) and abs(dx) + abs(dy) < 3e-4 and abs(dt) < 3e-5:
             break
     return math.sqrt(squared / weight_sum)
 
@@ -394,6 +397,7 @@ def judge_fit(
     drawn_free: U8,
     index: I32,
     pose: F64,
+    stride: int,
     out: F64,
 ) -> None:
     """Write which shares of the moved map's points match the drawn map, are seen by it, and lie in its free space.
@@ -405,13 +409,15 @@ def judge_fit(
     drawn_free : (FREE_SIDE, FREE_SIDE) uint8
     pose : (3,) float64
         drawn_from_moved.
+    stride : int
+        Every how many points are used.
     out : (3,) float64
         Entries MATCHED, SEEN, IN_FREE, as shares of all points.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     matched = free = 0
     half = FREE_SIDE // 2
-    for k in range(count):
+    for k in range(0, count, stride):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
         col, row = int(math.floor(x / CELL_M)), int(math.floor(y / CELL_M))
@@ -432,7 +438,7 @@ def judge_fit(
         col, row = int(math.floor(x / FREE_CELL_M)) + half, int(math.floor(y / FREE_CELL_M)) + half
         if 0 <= row < FREE_SIDE and 0 <= col < FREE_SIDE and drawn_free[row, col]:
             free += 1
-    total = max(count, 1)
+    total = max((count + stride - 1) // stride, 1)
     out[MATCHED] = matched / total
     out[SEEN] = (matched + free) / total
     out[IN_FREE] = free / total

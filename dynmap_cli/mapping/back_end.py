@@ -9,7 +9,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.counting.counts import Rays
-from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
+from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.kernels.matching import thin_points
 from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, make_local_maps
@@ -19,6 +19,7 @@ from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, Edges, join_edges,
 _CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
 _CHAIN_SHIFT_M, _CHAIN_TURN_RAD = 0.008, 0.003
 _LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
+_DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
 _RESIDUAL_M = 0.1
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
 
@@ -87,7 +88,7 @@ def close_loops(
     for _ in range(2):
         dense = _dense_edges(sweeps, rays, keys, poses, maps, anchors)
         edges = join_edges(chain, _loop_edges(search, anchors), dense)
-        poses, weights = optimise(poses, edges, _scales(edges))
+        poses, weights = optimise(poses, edges, _scales(edges), graduated=False)
     share, _ = search.contradictions(poses[anchors])
     return Graph(keys, poses, edges, weights, len(search.loops), dict(sorted(search.rejected.items())), share)
 
@@ -142,14 +143,14 @@ def _loop_edges(search: LoopSearch, anchors: I64) -> Edges:
         anchors[[loop.fixed for loop in search.loops]],
         anchors[[loop.moved for loop in search.loops]],
         np.array([fit.pose for fit in fits]),
-        np.array([_capped(fit.information / _RESIDUAL_M**2, _LOOP_SHIFT_M, _LOOP_TURN_RAD) for fit in fits]),
+        _capped(np.array([fit.information for fit in fits]) / _RESIDUAL_M**2, _LOOP_SHIFT_M, _LOOP_TURN_RAD),
         np.full(len(fits), LOOP, dtype=np.uint8),
     )
 
 
 def _capped(information: F64, shift_m: float, turn_rad: float) -> F64:
-    """Information with a covariance of at least the given standard deviations added."""
-    covariance = np.linalg.inv(information + np.diag([1e-3, 1e-3, 1e-3]))
+    """(m, 3, 3) information whose covariance is that of the fit plus the given standard deviations."""
+    covariance = np.linalg.inv(information + 1e-3 * np.eye(3))
     return np.asarray(np.linalg.inv(covariance + np.diag([shift_m**2, shift_m**2, turn_rad**2])))
 
 
@@ -170,14 +171,14 @@ def _dense_edges(
             first.append(int(anchors[number]))
             second.append(node)
             measured.append(fit.pose)
-            information.append(_capped(fit.information / _RESIDUAL_M**2, 0.01, 0.002))
+            information.append(fit.information)
     if not first:
         return no_edges()
     return Edges(
         np.array(first, dtype=np.int64),
         np.array(second, dtype=np.int64),
         np.array(measured),
-        np.array(information),
+        _capped(np.array(information) / _RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
         np.full(len(first), DENSE, dtype=np.uint8),
     )
 
@@ -214,8 +215,3 @@ def _key_points(sweeps: Sweeps, rays: Rays, scan: int) -> F32:
     )
     static = ~(sweeps.weights[scan, beams[:count]] < 0.5)
     return np.asarray(points[:count][static], dtype=np.float32)
-
-
-def chain_only(front: Registered) -> F64:
-    """Poses relative to the first scan."""
-    return compose(inverse(front.poses[0]), front.poses)

@@ -8,9 +8,8 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64, U8
 from dynmap_cli.counting.counts import Rays
-from dynmap_cli.domain.poses import between, inverse
+from dynmap_cli.domain.poses import between
 from dynmap_cli.kernels.local_maps import (
-    CELL_M,
     COARSE,
     COARSE_M,
     FREE_SIDE,
@@ -26,7 +25,8 @@ from dynmap_cli.mapping.front_end import Sweeps
 _EVERY, _MEMBERS = 10, 8
 _MAX_POINTS, _HALF_CELLS = 20_000, 640
 _SPACING_M = 0.03
-_N_PLACES = 6
+_N_PLACES, _PROMISING = 6, 0.8
+_POINTS_TO_TRY, _POINTS_TO_FIT = 250, 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,11 +149,16 @@ class Easel:
             self._scores,
             places,
         )
-        fits = [self.fit(moved.points, place[:3], polish=False) for place in places[:count]]
-        return sorted(fits, key=lambda fit: -fit.matched)
+        promising = places[:count][places[:count, 3] >= _PROMISING * places[0, 3]]
+        fits = [
+            self.fit(moved.points, place[:3], polish=False, n_points=_POINTS_TO_TRY) for place in promising
+        ]
+        fits.sort(key=lambda fit: -fit.matched)
+        return [self.fit(moved.points, fits[0].pose, polish=True), *fits[1:]]
 
-    def fit(self, points: F32, start: F64, *, polish: bool) -> Fit:
+    def fit(self, points: F32, start: F64, *, polish: bool, n_points: int = _POINTS_TO_FIT) -> Fit:
         """Fit of points (n, 2) near a start; *polish* = the start is within a few centimetres."""
+        stride = max(1, points.shape[0] // n_points)
         drawn = self._require()
         pose, information = start.astype(np.float64).copy(), np.zeros((3, 3))
         residual = refine_local_map(
@@ -165,18 +170,30 @@ class Easel:
             self._field,
             pose,
             information,
+            stride,
             int(polish),
         )
-        return self._judged(points, pose, information, residual)
+        return self._judged(points, pose, information, residual, stride)
 
     def judge(self, points: F32, pose: F64) -> Fit:
         """Shares at a given pose, without refinement."""
-        return self._judged(points, pose, np.zeros((3, 3)), 0.0)
+        stride = max(1, points.shape[0] // _POINTS_TO_FIT)
+        return self._judged(points, pose, np.zeros((3, 3)), 0.0, stride)
 
-    def _judged(self, points: F32, pose: F64, information: F64, residual_m: float) -> Fit:
+    def _judged(self, points: F32, pose: F64, information: F64, residual_m: float, stride: int) -> Fit:
         drawn = self._require()
         shares = np.zeros(3)
-        judge_fit(points, points.shape[0], drawn.points, drawn.normals, drawn.free, self._index, pose, shares)
+        judge_fit(
+            points,
+            points.shape[0],
+            drawn.points,
+            drawn.normals,
+            drawn.free,
+            self._index,
+            pose,
+            stride,
+            shares,
+        )
         return Fit(pose, information, residual_m, *shares.tolist())
 
     def _require(self) -> LocalMap:
@@ -184,11 +201,3 @@ class Easel:
             msg = "draw a local map first"
             raise ValueError(msg)
         return self._drawn
-
-
-def backwards(fit: Fit) -> F64:
-    """moved_from_fixed of a fit."""
-    return inverse(fit.pose)
-
-
-__all__ = ["CELL_M", "Easel", "Fit", "LocalMap", "backwards", "make_local_maps"]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
 from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
 
@@ -266,9 +266,3 @@ def _without_ambiguous_direction(best: Fit, others: list[Fit]) -> Fit | None:
     keep[:2, :2] -= np.outer(along, along)
     information = keep @ best.information @ keep
     return Fit(best.pose, information, best.residual_m, best.matched, best.seen, best.in_free)
-
-
-def near_maps(anchors: I64, poses: F64, node: int, reach_m: float) -> B1:
-    """(n_maps,) which anchors lie within reach of a node."""
-    distance = np.linalg.norm(poses[anchors, :2] - poses[node, :2], axis=1)
-    return np.asarray(distance < reach_m)

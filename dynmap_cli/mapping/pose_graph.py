@@ -74,10 +74,12 @@ def residuals(poses: F64, edges: Edges) -> F64:
 def squared_distances(poses: F64, edges: Edges) -> F64:
     """(m,) squared Mahalanobis length of the residuals."""
     error = residuals(poses, edges)
-    return np.asarray(np.einsum("mi,mij,mj->m", error, edges.information, error))
+    return np.asarray((error[:, None, :] @ edges.information @ error[:, :, None])[:, 0, 0])
 
 
-def optimise(poses: F64, edges: Edges, scales: F64, *, rounds: int = 30) -> tuple[F64, F64]:
+def optimise(
+    poses: F64, edges: Edges, scales: F64, *, graduated: bool = True, rounds: int = 30
+) -> tuple[F64, F64]:
     r"""Minimise \sum_k \rho_\mu(r_k^2) over all poses but the first, which stays.
 
     rho is the Geman-McClure kernel mu c^2 r^2 / (mu c^2 + r^2) of scale c; mu falls from "nearly quadratic" to 1
@@ -90,6 +92,8 @@ def optimise(poses: F64, edges: Edges, scales: F64, *, rounds: int = 30) -> tupl
     edges : Edges
     scales : (m,) float64
         Kernel scale c of each edge in standard deviations; inf = no kernel.
+    graduated : bool
+        Whether mu starts high; not needed where the start is good.
     rounds : int
         Gauss-Newton steps at most.
 
@@ -102,7 +106,7 @@ def optimise(poses: F64, edges: Edges, scales: F64, *, rounds: int = 30) -> tupl
     current = poses.copy()
     squared_scales = scales**2
     mu = float(np.max(squared_distances(current, edges) / squared_scales, initial=1.0))
-    mu = max(1.0, min(2.0 * mu, 1e4))
+    mu = max(1.0, min(2.0 * mu, 1e4)) if graduated else 1.0
     weights = np.ones(len(edges))
     for _ in range(rounds):
         squared = squared_distances(current, edges)
@@ -111,9 +115,9 @@ def optimise(poses: F64, edges: Edges, scales: F64, *, rounds: int = 30) -> tupl
         step = _gauss_newton_step(current, edges, weights)
         current += step
         current[:, 2] = wrap_angle(current[:, 2])
-        if mu == 1.0 and float(np.abs(step).max()) < 1e-5:
+        if mu == 1.0 and float(np.abs(step).max()) < 1e-4:
             break
-        mu = max(1.0, mu / 2.0)
+        mu = max(1.0, mu / 3.0)
     return current, weights
 
 
@@ -143,10 +147,10 @@ def _gauss_newton_step(poses: F64, edges: Edges, weights: F64) -> F64:
     right = np.zeros(size)
     sides = ((edges.first, by_first), (edges.second, by_second))
     for node_a, jac_a in sides:
-        transposed = np.einsum("mki,mkl->mil", jac_a, weighted)
-        np.add.at(right, (3 * node_a[:, None] + offsets), -np.einsum("mil,ml->mi", transposed, error))
+        transposed = jac_a.transpose(0, 2, 1) @ weighted
+        np.add.at(right, (3 * node_a[:, None] + offsets), -(transposed @ error[:, :, None])[:, :, 0])
         for node_b, jac_b in sides:
-            block = np.einsum("mil,mlj->mij", transposed, jac_b)
+            block = transposed @ jac_b
             rows.append(np.broadcast_to((3 * node_a[:, None] + offsets)[:, :, None], block.shape).ravel())
             cols.append(np.broadcast_to((3 * node_b[:, None] + offsets)[:, None, :], block.shape).ravel())
             values.append(block.ravel())
