@@ -153,6 +153,8 @@ def _old_laser(word: str, line: bytes) -> _Sweep:
     _, count, rest = line.split(None, 2)
     text, *poses, stamp, _host, _logger = rest.rsplit(None, 9)
     n_beams = int(count)
+    if text.count(b" ") != n_beams - 1:
+        text = b" ".join(text.split())
     if n_beams < 1 or len(poses) != 6 or text.count(b" ") != n_beams - 1:
         msg = "beam count"
         raise ValueError(msg)

@@ -61,6 +61,11 @@ class Odometry:
 def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings) -> str:
     """Name of the robot frame: set, below odometry in tf, child of an odometry topic, by custom, or the fixed root."""
     sensors = sorted({laser.frame for laser in recording.lasers.values() if laser.frame})
+    for key, frame in (("base_frame", settings.base_frame), ("odom_frame", settings.odom_frame)):
+        if frame is not None and frame not in tree.frames:
+            known = ", ".join(tree.frames[:20]) or "none"
+            msg = f"{recording.name}: no frame '{frame}' in tf (ingest.{key}); frames here: {known}."
+            raise LogError(msg)
     if settings.base_frame is not None:
         return settings.base_frame
     for sensor in sensors:

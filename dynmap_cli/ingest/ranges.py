@@ -115,7 +115,7 @@ def _weigh(
     """Decide by the rules above; returns the policy and the evidence in words."""
     if no_return == 0.0:
         return "ignore", "there are none that could be told from failed measurements"
-    shares = ""
+    shares = "; untested, for without odometry nobody knows what they cross"
     if found is not None:
         shares = f"{found.of_no_returns:.0%} of them cross what others hit ({found.of_returns:.0%} of the returns do)"
         if found.of_no_returns > max(_MOST_CONTRADICTED, _CONTRADICTED_EXCESS * found.of_returns):

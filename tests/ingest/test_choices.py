@@ -314,3 +314,26 @@ def test_half_of_the_scans_without_odometry_are_kept_with_a_warning(tmp_path):
     assert log.n_scans == 12
     assert report.scans_without_odometry == np.isnan(log.odometry[:, 0]).sum() > 5
     assert f"{report.scans_without_odometry} scans have no odometry" in report.warnings
+
+
+def test_frames_can_be_set_and_must_be_there(tmp_path):
+    log, report = read(tmp_path, World(), base_frame="laser")
+    assert report.odometry == "tf odom -> laser"
+    np.testing.assert_allclose(log.sensor_poses, [[0.0, 0.0, 0.0]], atol=1e-12)
+    with pytest.raises(LogError, match=r"no frame .chassis. in tf .*base_link, laser, odom"):
+        read(tmp_path, World(), "b.bag", base_frame="chassis")
+
+
+def test_the_first_echo_of_a_laser_with_several_is_read(tmp_path):
+    world = World(with_scans=False)
+    expected = world.ranges_m.copy()
+    expected[:, 1] = np.inf
+    for stamp_ns, ranges in zip(world.stamps_ns.tolist(), expected, strict=True):
+        fields = scan(world, stamp_ns, ranges)
+        echoes = [np.array([value, 7.9], dtype=np.float32) for value in ranges]
+        echoes[1] = np.zeros(0, dtype=np.float32)
+        fields["ranges"] = [{"echoes": values} for values in echoes]
+        fields["intensities"] = []
+        world.extra.append(("/scan", "sensor_msgs/msg/MultiEchoLaserScan", stamp_ns, fields))
+    log, _ = read(tmp_path, world)
+    np.testing.assert_array_equal(log.ranges_m, expected)

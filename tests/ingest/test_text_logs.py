@@ -108,6 +108,14 @@ def test_lines_that_do_not_parse_are_counted_and_the_others_stay(tmp_path):
     np.testing.assert_array_equal(log.ranges_m, RANGES[kept].astype(np.float32))
 
 
+def test_further_blanks_tabs_and_line_ends_of_windows_do_no_harm(tmp_path):
+    lines = [line.replace(" ", "  ", 30).replace("\n", "\r\n") for line in flaser_lines()]
+    lines[3] = lines[3].replace(" ", "\t")
+    log, report = read_recordings([write(tmp_path / "a.log", lines)], SETTINGS)
+    assert not report.dropped
+    np.testing.assert_array_equal(log.ranges_m, RANGES.astype(np.float32))
+
+
 def test_scans_stamped_before_their_predecessor_are_sorted_in_and_counted(tmp_path):
     lines = flaser_lines()
     lines[10], lines[11] = lines[11], lines[10]
