@@ -15,8 +15,9 @@ from dynmap_cli.errors import ArtifactError
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
 
-SOLID_REFLECTANCE = 0.4
-"""Cells of a patch that reflect at least this share of the beams are solid, as in segmentation."""
+SOLID_REFLECTANCE = 0.25
+"""Cells of a patch that reflect at least this share of the beams are solid: a thin wall whose visits lie
+half a cell apart shares its hits between two cells."""
 EXPLAINED_M = 0.2
 """An end this close to something in the map is explained by it."""
 FROM_ALL_SIDES = 255
@@ -36,7 +37,7 @@ class SubMapStates:
     frame : GridFrame
         The rectangle.
     owned : (rows, cols) bool
-        Cells that belong to no earlier sub-map; where rectangles overlap the first one has them.
+        Cells that a state knows; what the others hold stands in the map, or belongs to another sub-map.
     field_start : (n_states,) int64
         Where the field of each state starts in the pool.
     likelihoods : (n_states, rows, cols) float32
@@ -147,7 +148,7 @@ def make_map_pool(
     cells = _placed(grid, frame)
     owner = _owners(frame, sets)
     static = (cells == OCCUPIED) & (owner < 0)
-    solid = [_solid_states(patch_set, cells, frame) for patch_set in sets]
+    solid = [_solid_states(patch_set) for patch_set in sets]
     union = _union(static, owner, sets, solid, frame)
     distance = _distance_m(static, frame.resolution_m)
     start = frame.rows * frame.cols
@@ -246,27 +247,28 @@ def _slices(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
 
 
 def _owners(frame: GridFrame, sets: Sequence[PatchSet]) -> I32:
-    """Index of the patch set that each cell belongs to, -1 = none."""
+    """Index of the patch set that each cell belongs to, -1 = none, so that the map says what is there.
+
+    Rectangles may overlap, but each cell is known to the states of one sub-map only.
+    """
     owner = np.full(frame.shape, -1, dtype=np.int32)
-    for number in range(len(sets) - 1, -1, -1):
-        owner[_slices(sets[number].frame, frame)] = number
+    for number, patch_set in enumerate(sets):
+        known = np.isfinite([patch.reflectance for patch in patch_set.patches]).any(axis=0)
+        window = owner[_slices(patch_set.frame, frame)]
+        window[known & (window < 0)] = number
     return owner
 
 
-def _solid_states(
-    patch_set: PatchSet, cells: np.ndarray[tuple[int, ...], np.dtype[np.int8]], frame: GridFrame
-) -> B1:
+def _solid_states(patch_set: PatchSet) -> B1:
     """(n_states, rows, cols) what is solid in each state.
 
-    A cell that a state leaves open is taken from the mean of the other states, and from the map where
-    no state knows it: what is not known must not tell states apart.
+    A cell that a state leaves open is taken from the mean of the others: what is not known must not tell
+    states apart.
     """
     values = np.stack([patch.reflectance for patch in patch_set.patches]).astype(np.float64)
     known = np.isfinite(values)
-    count = known.sum(axis=0)
-    mean = np.where(known, values, 0.0).sum(axis=0) / np.maximum(count, 1)
-    fallback = np.where(count > 0, mean, cells[_slices(patch_set.frame, frame)] == OCCUPIED)
-    return np.asarray(np.where(known, values, fallback) >= SOLID_REFLECTANCE)
+    mean = np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.asarray(np.where(known, values, mean) >= SOLID_REFLECTANCE)
 
 
 def _union(static: B1, owner: I32, sets: Sequence[PatchSet], solid: Sequence[B1], frame: GridFrame) -> B1:

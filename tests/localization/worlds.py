@@ -47,7 +47,7 @@ def office(seed=0, path=None, door=None, boxes=(), movers=(), **extra):
                 "path": path or [[1.5, 2], [8, 1.5], [12.5, 2.8], [8, 2], [2, 2], [6, 1], [1, 1.5]],
                 "speed_mps": 0.6,
             },
-            "lasers": [{"fov_deg": 180, "beams": 181, "max_range_m": 30, "noise_m": 0.02}],
+            "lasers": [{"fov_deg": 180, "beams": 181, "max_range_m": 30, "noise_m": 0.02, "rate_hz": 5}],
             **extra,
         }
     )

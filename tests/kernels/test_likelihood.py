@@ -1,0 +1,73 @@
+"""Twins of the kernels of room 5."""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynmap_cli.kernels.likelihood import field_log_likelihoods, first_crossings
+from tests.reference.localization import plain_field_log_likelihood, plain_first_crossing
+
+
+@given(st.integers(0, 10_000), st.integers(1, 23), st.booleans())
+def test_field_log_likelihoods_is_its_plain_twin(seed, n_beams, with_patch):
+    random = np.random.default_rng(seed)
+    rows, cols = 30, 40
+    whole = random.normal(size=(rows, cols)).astype(np.float32)
+    patch = random.normal(size=(6, 9)).astype(np.float32)
+    pool = np.concatenate([whole.ravel(), patch.ravel()])
+    poses = np.column_stack([random.uniform(-5, 45, 7), random.uniform(-5, 35, 7), random.uniform(-7, 7, 7)])
+    ends = random.uniform(-20, 20, (2, n_beams)).astype(np.float32)
+    windows = np.zeros((7, 5), dtype=np.int32)
+    if with_patch:
+        windows[::2] = [8, 12, 6, 9, rows * cols]
+    out = np.empty(7)
+    field_log_likelihoods(pool, rows, cols, poses, ends, windows, np.empty(n_beams, np.int32), out)
+    for k in range(7):
+        own = patch if windows[k, 2] else None
+        expected = plain_field_log_likelihood((whole, own), windows[k], poses[k], ends.T.astype(float))
+        borders = _nearest_border(poses[k], ends.T.astype(float))
+        if borders > 1e-4:
+            assert math.isclose(out[k], expected, abs_tol=1e-5)
+
+
+def _nearest_border(pose, ends):
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    xy = np.stack([pose[0] + c * ends[:, 0] - s * ends[:, 1], pose[1] + s * ends[:, 0] + c * ends[:, 1]])
+    return np.abs(xy - np.round(xy)).min()
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=15)
+def test_first_crossings_is_its_plain_twin(seed):
+    random = np.random.default_rng(seed)
+    surfaces = np.where(
+        random.random((9, 11)) < 0.15, random.choice([1, 46, 91, 136, 255], (9, 11)), 0
+    ).astype(np.uint8)
+    x, y = random.uniform(-4, 15), random.uniform(-4, 13)
+    directions = random.uniform(-np.pi, np.pi, 4)
+    out = np.empty((4, 2))
+    first_crossings(surfaces, x, y, directions, np.full(4, 12.0), 0.34, out)
+    for k in range(4):
+        entered, crossed = plain_first_crossing(surfaces, x, y, directions[k], 12.0, 0.34, 2e-3)
+        for mine, twin in ((out[k, 0], entered), (out[k, 1], crossed)):
+            if math.isfinite(mine) and math.isfinite(twin):
+                assert abs(mine - twin) < 5e-3 or _grazes_a_corner(x, y, directions[k], min(mine, twin))
+            elif math.isfinite(mine) != math.isfinite(twin):
+                assert _grazes_a_corner(x, y, directions[k], min(mine, twin))
+
+
+def _grazes_a_corner(x, y, direction, at):
+    """Whether the twin may have stepped over a cell that the ray only touches."""
+    px, py = x + at * math.cos(direction), y + at * math.sin(direction)
+    return (abs(px - round(px)) < 0.02 and abs(py - round(py)) < 0.02) or at > 11.99
+
+
+def test_a_beam_that_slides_along_a_wall_crosses_nothing():
+    surfaces = np.zeros((20, 20), dtype=np.uint8)
+    surfaces[10, :] = 1  # a wall along x
+    out = np.empty((2, 2))
+    first_crossings(surfaces, 2.0, 9.0, np.array([0.1, math.pi / 2]), np.full(2, 17.0), 0.34, out)
+    assert math.isinf(out[0, 1])
+    assert math.isclose(out[1, 1], 1.0)

@@ -1,0 +1,58 @@
+"""Laws of the motion model."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynmap_cli.domain.poses import compose, wrap_angle
+from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
+from dynmap_cli.localization.settings import LocalizationSettings
+from tests.reference.localization import plain_odometry_step
+
+STILL = {"drift_sigma_m": 0.0, "drift_sigma_rad": 0.0}
+small = st.floats(-1.0, 1.0)
+
+
+class Recorder:
+    """A generator that remembers its normal draws."""
+
+    def __init__(self, seed):
+        self.random, self.drawn = np.random.default_rng(seed), []
+
+    def standard_normal(self, shape):
+        self.drawn.append(self.random.standard_normal(shape))
+        return self.drawn[-1]
+
+
+@given(small, small, small, st.integers(0, 99))
+def test_it_is_the_printed_odometry_model(x, y, yaw, seed):
+    poses = np.random.default_rng(seed).normal(size=(5, 3))
+    settings = LocalizationSettings(alpha1=0.1, alpha2=0.2, alpha3=0.3, alpha4=0.4, **STILL)
+    recorder = Recorder(seed)
+    moved = sample_motion(poses, Motion(np.array([x, y, yaw]), measured=True), settings, recorder)
+    for k in range(5):
+        twin = plain_odometry_step(poses[k], (x, y, yaw), recorder.drawn[0][:, k], (0.1, 0.2, 0.3, 0.4))
+        np.testing.assert_allclose(moved[k, :2], twin[:2], atol=1e-9)
+        assert abs(wrap_angle(np.asarray(moved[k, 2] - twin[2]))) < 1e-9
+
+
+@given(small, small, small)
+def test_without_noise_every_particle_makes_the_step(x, y, yaw):
+    settings = LocalizationSettings(alpha1=0, alpha2=0, alpha3=0, alpha4=0, **STILL)
+    poses, step = np.random.default_rng(1).normal(size=(9, 3)), np.array([x, y, yaw])
+    moved = sample_motion(poses, Motion(step, measured=True), settings, np.random.default_rng(0))
+    if np.hypot(x, y) >= 0.01:
+        np.testing.assert_allclose(compose(poses, step)[:, :2], moved[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap_angle(moved[:, 2] - compose(poses, step)[:, 2]), 0, atol=1e-9)
+
+
+def test_velocity_settles_at_that_of_a_steady_robot_and_never_explodes():
+    velocity, poses = np.zeros(3), np.zeros((4, 3))
+    for _ in range(30):
+        after = compose(poses, np.array([0.05, 0.0, 0.01]))
+        velocity = updated_velocity(velocity, poses, after, np.full(4, 0.25), 0.1)
+        poses = after
+    np.testing.assert_allclose(velocity, [0.5, 0.0, 0.1], atol=1e-3)
+    np.testing.assert_allclose(predicted_step(velocity, 50.0), velocity)
+    for seconds in (0.0, 1e-9, -1.0):
+        assert np.abs(updated_velocity(velocity, poses, poses + 1.0, np.full(4, 0.25), seconds)).max() <= 20

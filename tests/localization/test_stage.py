@@ -1,0 +1,84 @@
+"""The files that the room leaves behind."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynmap_cli.config import Config
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.files.patch_archive import write_patches
+from dynmap_cli.files.pgm import write_map
+from dynmap_cli.files.scan_log import write_scan_log
+from dynmap_cli.files.trajectory import read_tum
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.stage import HEALTH_HEADER, STATES_HEADER, run
+from dynmap_cli.stage import StageContext
+from tests.localization.worlds import office, patch_sets_of, pose_errors, simulated
+
+
+@pytest.fixture(scope="module")
+def simulated_run():
+    return simulated(office())
+
+
+@pytest.fixture
+def folders(simulated_run, tmp_path):
+    log = simulated_run.log.select(slice(0, 60))
+    for name in ("scans", "map", "patches", "out"):
+        (tmp_path / name).mkdir()
+    write_scan_log(tmp_path / "scans", log)
+    write_map(tmp_path / "map", "map", simulated_run.true_map)
+    sets = patch_sets_of(simulated_run)
+    submaps = [SubMap(s.submap_id, s.frame, 0, 0, s.varying, np.ones_like(s.varying), 1.0) for s in sets]
+    write_patches(tmp_path / "patches" / "patches.zip", submaps, sets, [])
+    return tmp_path
+
+
+def context(folder, map_yaml=None, **settings):
+    config = Config(localization=LocalizationSettings(**settings))
+    return StageContext(folder, folder / "out", config, (), 1, folder / "scans", map_yaml)
+
+
+def rows(path):
+    header, *lines = path.read_text().splitlines()
+    return header, [line.split(",") for line in lines]
+
+
+def test_trajectory_states_and_health_are_written(folders, simulated_run):
+    summary = run(context(folders, save_particles=True))
+    trajectory = read_tum(folders / "out" / "trajectory.tum")
+    stamps = simulated_run.log.stamps_ns[:60]
+    np.testing.assert_array_equal(trajectory.stamps_ns, stamps)
+    away_m, _ = pose_errors(trajectory.poses, simulated_run.true_poses[:60])
+    assert np.median(away_m) < 0.1
+    header, states = rows(folders / "out" / "states.csv")
+    assert header == STATES_HEADER
+    by_scan = {}
+    for stamp, submap, _, probability in states:
+        by_scan.setdefault((stamp, submap), []).append(float(probability))
+    assert by_scan
+    assert all(abs(sum(values) - 1) < 1e-4 and len(values) == 2 for values in by_scan.values())
+    header, health = rows(folders / "out" / "health.csv")
+    assert header == HEALTH_HEADER
+    assert len(health) == summary["updates"] <= 60
+    for row in health:
+        assert abs(float(row[1]) + float(row[2]) + float(row[3]) - 1) < 1e-3
+        assert row[7] in ("tracking", "changed", "lost")
+    with np.load(folders / "out" / "particles.npz") as clouds:
+        assert clouds["counts"].sum() == clouds["poses"].shape[0]
+    assert summary["lines"][0].startswith("60 of 60 scans localized, 100 % tracking, never lost")
+    assert summary["lines"][1].startswith("sub-map 0: state 0")
+
+
+def test_a_map_server_map_needs_no_run(folders):
+    plain = replace(context(folders, folders / "map" / "map.yaml"), run_dir=folders / "nowhere")
+    summary = run(plain)
+    assert (folders / "out" / "states.csv").read_text() == STATES_HEADER + "\n"
+    assert summary["scans"] == 60
+    assert summary["submaps_seen"] == 0
+
+
+def test_more_particles_at_least_than_at_most_is_refused():
+    with pytest.raises(ValueError, match="min_particles 50 exceeds"):
+        LocalizationSettings(min_particles=50, max_particles=20)

@@ -1,0 +1,70 @@
+"""Laws of the map transition model."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynmap_cli.localization.transitions import (
+    change_rate,
+    nearest_submaps,
+    predict_belief,
+    same_probability,
+    sample_states,
+)
+
+
+def submap(n_states=2, stay=0.8, rectangle=(0.0, 0.0, 1.0, 1.0)):
+    return SimpleNamespace(n_states=n_states, stay_probability=stay, rectangle_m=rectangle)
+
+
+@given(st.integers(2, 6), st.floats(0.52, 0.999))
+def test_after_a_minute_the_state_is_the_same_with_the_stay_probability(n_states, stay):
+    assert math.isclose(same_probability(submap(n_states, stay), 60.0), stay, rel_tol=1e-6)
+
+
+@given(st.integers(2, 5), st.floats(0.0, 1.0), st.floats(0.0, 500.0), st.floats(0.0, 500.0))
+def test_two_waits_are_one_long_wait(n_states, stay, first, second):
+    area, belief = submap(n_states, stay), np.eye(n_states)[0]
+    in_steps = predict_belief(
+        predict_belief(belief, same_probability(area, first)), same_probability(area, second)
+    )
+    at_once = predict_belief(belief, same_probability(area, first + second))
+    np.testing.assert_allclose(in_steps, at_once, atol=1e-9)
+
+
+@given(st.integers(2, 5), st.floats(0.0, 1.0))
+def test_in_the_end_nothing_is_known(n_states, stay):
+    area = submap(n_states, stay)
+    belief = predict_belief(np.eye(n_states)[0], same_probability(area, 1e7))
+    np.testing.assert_allclose(belief, 1 / n_states, atol=1e-6)
+
+
+def test_where_nothing_is_known_states_last_five_minutes():
+    for stay in (math.nan, 0.0):
+        assert change_rate(stay, 2) == 1 / 300
+    assert change_rate(1.0, 2) > 0
+    assert same_probability(submap(n_states=1), 1e9) == 1.0
+
+
+def test_particles_keep_change_and_draw_their_states_as_the_model_says():
+    n, areas = 60_000, (submap(3, 0.7), submap(4, 0.7))
+    was_in = np.zeros(n, dtype=np.int32)
+    states = np.full(n, 2, dtype=np.int32)
+    random = np.random.default_rng(0)
+    stayed = sample_states(was_in, states, was_in, areas, 60.0, random)
+    np.testing.assert_allclose(np.bincount(stayed) / n, [0.15, 0.15, 0.7], atol=0.01)
+    entered = sample_states(was_in, states, was_in + 1, areas, 60.0, random)
+    np.testing.assert_allclose(np.bincount(entered) / n, np.full(4, 0.25), atol=0.01)
+    left = sample_states(was_in, states, was_in - 1, areas, 60.0, random)
+    assert (left == -1).all()
+
+
+@pytest.mark.parametrize(("x", "expected"), [(0.5, 0), (2.4, 0), (2.7, 1), (9.0, -1)])
+def test_a_particle_is_in_the_nearest_submap_within_reach(x, expected):
+    areas = (submap(), submap(rectangle=(4.0, 0.0, 5.0, 1.0)))
+    assert nearest_submaps(np.array([[x, 0.5]]), areas, 2.0).tolist() == [expected]
+    assert nearest_submaps(np.empty((0, 2)), areas, 2.0).size == 0
