@@ -63,6 +63,8 @@ class SimulatedRun:
         Index of the state each object is in at the header stamp.
     objects : tuple of History
         All changes of state, doors first, then boxes.
+    movers : int
+        How many people, carts and robots there are.
     shapes : Shapes
         Walls, and objects in each of their states, in the axes of the world before it is turned.
     true_map : OccupancyGrid
@@ -76,6 +78,7 @@ class SimulatedRun:
     beam_class: np.ndarray[tuple[int, ...], np.dtype[np.int16]]
     object_states: I32
     objects: tuple[History, ...]
+    movers: int
     shapes: Shapes
     true_map: OccupancyGrid
 
@@ -128,6 +131,7 @@ def simulate(scenario: Scenario, tick: Tick = no_tick) -> SimulatedRun:
         beam_class=classes,
         object_states=_states(objects, all_times),
         objects=objects,
+        movers=len(stage.tracks),
         shapes=stage.shapes,
         true_map=_true_map(stage),
     )

@@ -247,9 +247,9 @@ class Robot(Part):
     path: tuple[Annotated[Step, BeforeValidator(_step_from_point)], ...] = Field(
         (), description="Empty in a generated world: then each visit takes its own way."
     )
-    repeat: int = Field(1, ge=1, description="Visits on a day: how often the path is driven.")
+    repeat: int = Field(1, ge=1, le=10_000, description="Visits on a day: how often the path is driven.")
     pause_s: NotNegative = Field(0.0, description="Time between two visits, switched off.")
-    days: int = Field(1, ge=1)
+    days: int = Field(1, ge=1, le=1000)
     night_s: NotNegative = Field(57_600.0, description="Time between two days, switched off.")
     speed_mps: Positive = 0.8
     turn_rate_degps: Positive = 60.0
@@ -271,7 +271,7 @@ class Laser(Part):
     pose: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description="On the robot: x, y in m, yaw in deg."
     )
-    beams: int = Field(181, ge=2)
+    beams: int = Field(181, ge=2, le=20_000)
     fov_deg: float = Field(180.0, gt=0.0, le=360.0)
     clockwise: bool = False
     min_range_m: NotNegative = 0.05

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from dynmap_cli.errors import ArtifactError
+from dynmap_cli.errors import ArtifactError, ConfigError
 from dynmap_cli.files.atomic import scratch_folder
 from dynmap_cli.progress import progress
 from dynmap_cli.simulation.recording import check_suffix, write_recording
@@ -31,7 +31,7 @@ def simulate_to_files(
     Raises
     ------
     ConfigError
-        If the scenario or the suffix of the recording is not allowed.
+        If the scenario or the suffix of the recording is not allowed, or no scan would come of it.
     ArtifactError
         If the recording or its truth is there already and *force* is not given.
     """
@@ -42,7 +42,11 @@ def simulate_to_files(
         if path.exists() and not force:
             msg = f"{path}: exists already. Pass --force to replace it, or choose another output."
             raise ArtifactError(msg)
-    with progress("simulate", count_scans(scenario), "scans") as tick:
+    scans = count_scans(scenario)
+    if scans == 0:
+        msg = f"{scenario_path}: the robot's path is over before the first scan is. Give it further places, or wait_s."
+        raise ConfigError(msg)
+    with progress("simulate", scans, "scans") as tick:
         run = simulate(scenario, tick)
     _log.info("simulate: writing %s", recording)
     write_recording(recording, run)

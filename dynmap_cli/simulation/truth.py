@@ -65,7 +65,7 @@ def summarize(run: SimulatedRun) -> dict[str, Any]:
     changes = sum(thing.times_s.size - 1 for thing in run.objects)
     lines = [
         f"{log.n_scans} scans of {log.n_beams} beams in {seconds:.1f} s, {length_m:.1f} m driven",
-        f"{len(run.objects)} doors and boxes change state {changes} times, {len(run.scenario.movers)} kinds of movers",
+        f"{len(run.objects)} doors and boxes change state {changes} times, {run.movers} people and vehicles move",
     ]
     lines += [
         f"{100.0 * count / max(ended, 1):.2f} % of the end points are {name}"
@@ -78,6 +78,7 @@ def summarize(run: SimulatedRun) -> dict[str, Any]:
         "driven_m": round(length_m, 3),
         "objects": len(run.objects),
         "changes": changes,
+        "movers": run.movers,
         "end_points": ended,
         **{f"end_points_{name}": count for name, count in counts.items()},
         "lines": lines,

@@ -19,6 +19,10 @@ BAD = {
         PATH + "lasers: [{beams: 400, rate_hz: 10, beam_interval_s: 0.001}]\n",
         "do not fit into 1/10 s",
     ),
+    "no time": (
+        "robot: {path: [[0, 0]]}\nlasers: [{beam_interval_s: 0.0005}]\n",
+        "is over before the first scan",
+    ),
     "negative": (PATH + "lasers: [{rate_hz: -1}]\n", "lasers.0.rate_hz = -1 is not allowed"),
     "not finite": (PATH + "lasers: [{max_range_m: .inf}]\n", "lasers.0.max_range_m = inf is not allowed"),
     "unknown state": (DOOR % "schedule: [[0, ajar]]", "'d' has no state 'ajar', only closed, open"),

@@ -19,7 +19,7 @@ SCENARIOS = sorted(WORLDS.glob("*.yaml"))
 
 def generated(kind, **changes):
     content = {"seed": 4, "generate": {"kind": kind, "talking": 1, "carts": 1}}
-    content["lasers"] = [{"rate_hz": 1, "beams": 46, "fov_deg": 270}]
+    content["lasers"] = [{"rate_hz": 0.4, "beams": 46, "fov_deg": 270}]
     return {**content, **changes}
 
 
