@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
-from dynmap_cli.arrays import F32, F64, I32, I64
+from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, find_end_cells
+from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells
 
 SCANS_PER_CHUNK = 1024
+_WALL_REFLECTANCE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +153,50 @@ def count_beams(
     for other in others:
         total.merge(other)
     return total.counting_map()
+
+
+def count_up_to_walls(
+    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, threads: int = 1
+) -> CountingMap:
+    """Counting map in which beams without return pass only up to the first wall that other beams see.
+
+    A dark or grazing surface returns nothing; taken at its word such a beam would be free space through walls.
+    The arguments are those of `count_beams`.
+    """
+    silent = np.asarray(log.ranges_m == np.inf)
+    if not silent.any():
+        return count_beams(log, poses, frame, usable_range_m, threads=threads)
+    returns = replace(log, ranges_m=np.where(silent, np.float32(np.nan), log.ranges_m))
+    seen = count_beams(returns, poses, frame, usable_range_m, threads=threads)
+    reflectance = np.nan_to_num(seen.reflectance)
+    walls: B1 = ndimage.binary_dilation(reflectance >= _WALL_REFLECTANCE, np.ones((3, 3), dtype=bool))
+    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls.astype(np.uint8))
+    cut = replace(log, ranges_m=np.where(silent, reach, log.ranges_m))
+    return count_beams(cut, poses, frame, usable_range_m, threads=threads)
+
+
+def _reach_of_silent_beams(
+    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, walls: U8
+) -> F32:
+    """Minus the distance (n_scans, n_beams) that each beam without return passes; NaN for the others."""
+    rays = rays_of(log, usable_range_m)
+    reach = np.empty(log.ranges_m.shape, dtype=np.float32)
+    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+        part = slice(first, first + SCANS_PER_CHUNK)
+        cut_at_walls(
+            np.array(log.ranges_m[part]),
+            np.array(log.geometry_index[part]),
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            np.array(poses[part], dtype=np.float64),
+            frame.resolution_m,
+            frame.origin_x_m,
+            frame.origin_y_m,
+            walls,
+            reach[part],
+        )
+    return reach
 
 
 def end_cells(log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float) -> I32:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.counting.counts import count_beams, end_cells
+from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import look_up, static_probability
@@ -32,12 +32,15 @@ class FilterParams:
     usable_range_m : float
     em : str
         "closed" or "iterative".
+    stop_at_walls : bool
+        Whether a beam without return passes only up to the first wall that others see; the paper lets it pass on.
     """
 
     static_prior: float = 0.95
     support_cells: int = 1
     usable_range_m: float = 30.0
     em: Literal["closed", "iterative"] = "closed"
+    stop_at_walls: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,8 @@ def filter_beams(
     params : FilterParams
     threads : int
     """
-    raw = count_beams(log, poses, frame, params.usable_range_m, threads=threads)
+    count = count_up_to_walls if params.stop_at_walls else count_beams
+    raw = count(log, poses, frame, params.usable_range_m, threads=threads)
     reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
     cells = end_cells(log, poses, frame, params.usable_range_m)
     weights = _e_step(reflectance, params)

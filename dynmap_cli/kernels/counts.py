@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from dynmap_cli.arrays import F32, F64, I32, I64
+from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
 
 FIXED_ONE = 2.0**32
@@ -84,12 +84,13 @@ def count_scans(
 
     A beam adds e to `static_hits` and 1 - e to `dynamic_hits` of its end cell, and the length by which it
     passes each earlier cell to the difference grids. A beam without return, or one that is longer than the
-    usable range, passes up to the usable range and ends nowhere (zeta = 1 in Eq. 1.1).
+    usable range, passes up to the usable range and ends nowhere (zeta = 1 in Eq. 1.1); so does one with a
+    negative range, up to its absolute value.
 
     Parameters
     ----------
     ranges_m : (n_scans, n_beams) float32
-        +inf = nothing within reach, NaN = skipped.
+        +inf = nothing within reach, negative = nothing up to this distance, NaN = skipped.
     weights : (n_scans, n_beams) float32
         e of each beam; NaN counts as static.
     geometry_index : (n_scans,) int32
@@ -122,8 +123,8 @@ def count_scans(
             distance = float(ranges_m[scan, beam])
             if math.isnan(distance):
                 continue
-            is_hit = distance <= usable_m[geometry]
-            length = min(distance, usable_m[geometry]) / resolution_m
+            is_hit = 0.0 <= distance <= usable_m[geometry]
+            length = min(abs(distance), usable_m[geometry]) / resolution_m
             direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
             dx = length * (cos * direction_x - sin * direction_y)
             dy = length * (sin * direction_x + cos * direction_y)
@@ -186,7 +187,7 @@ def find_end_cells(
         for beam in range(ranges_m.shape[1]):
             out[scan, beam] = -1
             distance = float(ranges_m[scan, beam])
-            if not (distance <= usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
+            if not (0.0 <= distance <= usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
                 continue
             length = distance / resolution_m
             direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
@@ -194,3 +195,53 @@ def find_end_cells(
             row = int(math.floor(y0 + length * (sin * direction_x + cos * direction_y)))
             if 0 <= row < rows and 0 <= col < cols:
                 out[scan, beam] = row * cols + col
+
+
+@kernel
+def cut_at_walls(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    poses: F64,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    is_wall: U8,
+    out: F32,
+) -> None:
+    """Write how far beams without return pass before they meet a wall that others see; NaN for all other beams.
+
+    Parameters
+    ----------
+    ranges_m ... origin_y_m
+        As for `count_scans`.
+    is_wall : (rows, cols) uint8
+        1 where a beam cannot have passed.
+    out : (n_scans, n_beams) float32
+        Minus the distance in metres.
+    """
+    rows, cols = is_wall.shape
+    for scan in range(ranges_m.shape[0]):
+        geometry = geometry_index[scan]
+        yaw = poses[scan, 2]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
+        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        for beam in range(ranges_m.shape[1]):
+            out[scan, beam] = math.nan
+            if not (ranges_m[scan, beam] > usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
+                continue
+            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
+            dx = cos * direction_x - sin * direction_y
+            dy = sin * direction_x + cos * direction_y
+            length = usable_m[geometry] / resolution_m
+            t = 0.0
+            while t < length:
+                col, row = int(math.floor(x0 + t * dx)), int(math.floor(y0 + t * dy))
+                if 0 <= row < rows and 0 <= col < cols and is_wall[row, col]:
+                    break
+                t += 0.7
+            out[scan, beam] = -max(min(t, length) - 1.0, 0.0) * resolution_m

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.counting.counts import Counter, count_beams, end_cells, frame_of_scans
+from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, end_cells, frame_of_scans
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import single_laser_log
 from tests.reference.counting import plain_alpha_beta, plain_beams
@@ -111,3 +111,16 @@ def test_the_frame_holds_every_end_point(seed):
     frame = frame_of_scans(log, poses, 2.5, 0.05)
     ended = np.asarray(log.ranges_m) <= 2.5
     np.testing.assert_array_equal(end_cells(log, poses, frame, 2.5) >= 0, ended)
+
+
+def test_a_beam_without_return_passes_no_wall_that_others_see():
+    ranges = np.full((50, 1), 2.0, dtype=np.float32)
+    ranges[7] = np.inf
+    log = single_laser_log(np.arange(50), ranges, np.zeros(1), np.zeros((50, 3)), range_limits_m=(0.0, 4.0))
+    poses = np.zeros((50, 3))
+    row, wall = FRAME.to_cells(np.array([2.0, 0.0]))
+    behind = count_up_to_walls(log, poses, FRAME, 4.0).passed_cells[row, wall + 1 :]
+    before = count_up_to_walls(log, poses, FRAME, 4.0).passed_cells[row, wall - 5]
+    assert behind.sum() == 0.0
+    np.testing.assert_allclose(before, 50.0)
+    assert count_beams(log, poses, FRAME, 4.0).passed_cells[row, wall + 1 :].sum() > 10.0

@@ -100,7 +100,7 @@ def test_likelihood_never_falls_at_fixed_poses(cells, p):
 
 def test_without_support_it_is_the_paper_to_the_letter():
     log, poses, _ = random_world(7, n_scans=30)
-    params = FilterParams(support_cells=0, usable_range_m=2.5)
+    params = FilterParams(support_cells=0, usable_range_m=2.5, stop_at_walls=False)
     result = filter_beams(log, poses, FRAME, params)
     raw = count_beams(log, poses, FRAME, 2.5)
     with np.errstate(invalid="ignore"):
