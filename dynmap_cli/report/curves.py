@@ -39,7 +39,7 @@ def draw_rounds(rows: Sequence[RoundRow]) -> bytes:
     left.set_ylabel("log-likelihood")
     right.plot(numbers, [100.0 * row.dynamic_share for row in rows], "o-", color=_COLOURS[1])
     right.set_ylabel("dynamic beams, %")
-    right.set_ylim(bottom=0.0)
+    right.set_ylim(0.0, max(120.0 * max(row.dynamic_share for row in rows), 0.1))
     for axes in (left, right):
         axes.set_xlabel("round")
         axes.set_xticks(numbers)
