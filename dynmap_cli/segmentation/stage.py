@@ -23,6 +23,8 @@ from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_
 from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.stage import Stage, StageContext
 
+_PLACES_PER_LINE = 5
+
 
 def find_submaps(
     log: ScanLog,
@@ -106,8 +108,9 @@ def describe(submaps: tuple[SubMap, ...]) -> list[str]:
         f"{submap.size_m[0]:.1f} x {submap.size_m[1]:.1f} m"
         for submap in submaps
     ]
-    plural = "sub-map" if len(submaps) == 1 else "sub-maps"
-    return [f"{len(submaps)} {plural}, {area:.1f} m2: {', '.join(places)}"]
+    head = f"{len(submaps)} sub-map{'s' * (len(submaps) != 1)}, {area:.1f} m2: "
+    rows = [", ".join(places[k : k + _PLACES_PER_LINE]) for k in range(0, len(places), _PLACES_PER_LINE)]
+    return [head + rows[0], *rows[1:]]
 
 
 STAGE = Stage(
