@@ -107,3 +107,25 @@ def trajectory_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list
         for name, (estimate, reference) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
     ]
     return scores, plot_paths, []
+
+
+@command.command("beams")
+@click.argument("paths", metavar="[RUN TRUTH]...", nargs=-1, required=True, type=PATH)
+@click.option("--threads", type=click.IntRange(min=1), default=1, help="Threads to use (default 1).")
+@output_options
+def beams_command(paths: tuple[Path, ...], threads: int) -> tuple[list[Score], Plot, list[str]]:
+    """Compare the label of every beam with what it really hit; two ablations at the same poses beside it.
+
+    TRUTH is the folder LOG.truth that `dynmap simulate` writes.
+    """
+    from dynmap_cli.evaluation.beams import score_beams
+    from dynmap_cli.evaluation.figures import plot_bars
+    from dynmap_cli.evaluation.truth import read_run, read_truth
+
+    pairs = in_pairs(paths, "RUN", "TRUTH")
+    scores = [
+        score_beams(name, read_run(run), read_truth(truth), threads=threads)
+        for name, (run, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+    ]
+    names = ("static_kept_SA", "dynamic_found_DA", "harmonic_HA", "precision", "F1")
+    return scores, functools.partial(plot_bars, names=names, label="share"), []

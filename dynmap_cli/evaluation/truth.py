@@ -1,0 +1,166 @@
+"""What `dynmap simulate` writes beside a recording, and the run that is measured against it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32, I64
+from dynmap_cli.domain.poses import Trajectory
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.evaluation.association import known_poses, nearest_stamp
+from dynmap_cli.evaluation.trajectories import align
+from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.manifest import read_manifest
+from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.trajectory import read_tum
+
+_SAME_SCAN_S = 0.001
+_LEAST_POSES = 10
+
+
+@dataclass(frozen=True, slots=True)
+class TrueObject:
+    """A door or box that changes.
+
+    Attributes
+    ----------
+    name : str
+    beam_class : int
+        Class of the beams that end on it.
+    states : tuple of str
+    bounds_m : (4,) float64
+        Bounding box of all its states in the frame of the truth: lowest x, y, highest x, y.
+    """
+
+    name: str
+    beam_class: int
+    states: tuple[str, ...]
+    bounds_m: F64
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What was really there.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+    beam_class : (n_scans, n_beams) int32
+    object_states : (n_scans, n_objects) int32
+    objects : tuple of TrueObject
+    static, moving, no_return, mixed, first_object : int
+        Codes of the classes; first_object + k is object k.
+    """
+
+    trajectory: Trajectory
+    beam_class: I32
+    object_states: I32
+    objects: tuple[TrueObject, ...]
+    static: int
+    moving: int
+    no_return: int
+    mixed: int
+    first_object: int
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A finished run directory, as far as it is measured.
+
+    Attributes
+    ----------
+    folder : Path
+    log : ScanLog
+    poses : (n_scans, 3) float64
+    static_probability : (n_scans, n_beams) float32
+    settings : dict
+        Of the stage `map`.
+    """
+
+    folder: Path
+    log: ScanLog
+    poses: F64
+    static_probability: F32
+    settings: dict[str, float]
+
+
+def read_truth(folder: Path) -> Truth:
+    """Read `<LOG>.truth/`.
+
+    Raises
+    ------
+    ArtifactError
+        If a file is missing or damaged.
+    """
+    trajectory = read_tum(folder / "trajectory.tum")
+    try:
+        content = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        objects = tuple(
+            TrueObject(
+                str(entry["name"]), int(entry["class"]), tuple(entry["states"]), np.array(entry["bounds_m"])
+            )
+            for entry in content["objects"]
+        )
+        with np.load(folder / "beams.npz", allow_pickle=False) as archive:
+            beam_class = archive["beam_class"].astype(np.int32)
+            object_states = archive["object_states"].astype(np.int32)
+        codes = {name: int(content["classes"][name]) for name in _CODES}
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        msg = f"{folder}: not the truth of a simulated recording ({err}). Expected what `dynmap simulate` writes."
+        raise ArtifactError(msg) from err
+    if not beam_class.shape[0] == object_states.shape[0] == trajectory.stamps_ns.size:
+        msg = f"{folder}: {trajectory.stamps_ns.size} poses, but {beam_class.shape[0]} scans in beams.npz"
+        raise ArtifactError(msg)
+    return Truth(trajectory, beam_class, object_states, objects, **codes)
+
+
+_CODES = ("static", "moving", "no_return", "mixed", "first_object")
+
+
+def read_run(folder: Path) -> Run:
+    """Read scans, poses and beams of a run whose stage `map` is done."""
+    manifest = read_manifest(folder / "map", "map")
+    if manifest is None:
+        msg = f"{folder}: not a run directory with a finished map. Run `dynmap build` first."
+        raise ArtifactError(msg)
+    log = read_scan_log(folder / "scans")
+    trajectory = read_tum(folder / "map" / "trajectory.tum")
+    if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
+        msg = f"{folder}: map/ is not of these scans. Run `dynmap map` again with --force."
+        raise ArtifactError(msg)
+    return Run(folder, log, trajectory.poses, read_beams(folder / "map" / "beams.npz"), manifest.settings)
+
+
+def same_scans(stamps_ns: I64, truth: Truth) -> tuple[I64, I64]:
+    """Indices (in the run, in the truth) of the scans that are in both; of equal stamps the k-th meets the k-th."""
+    found = nearest_stamp(truth.trajectory.stamps_ns, stamps_ns, _SAME_SCAN_S)
+    mine = np.flatnonzero(found >= 0)
+    first = np.searchsorted(stamps_ns, stamps_ns[mine])
+    theirs = np.searchsorted(truth.trajectory.stamps_ns, truth.trajectory.stamps_ns[found[mine]])
+    theirs = theirs + (mine - first)
+    is_there = theirs < truth.trajectory.stamps_ns.size
+    return mine[is_there], theirs[is_there]
+
+
+def truth_from_map(map_trajectory: Trajectory, truth: Truth) -> F64:
+    """Pose truth_from_map: how the frame of a run's map lies in the frame of the truth.
+
+    Raises
+    ------
+    ArtifactError
+        If the two have no times in common.
+    """
+    known = known_poses(map_trajectory)
+    mine, theirs = same_scans(known.stamps_ns, truth)
+    if mine.size < _LEAST_POSES:
+        msg = (
+            f"{mine.size} poses have a time in common with the truth, at least {_LEAST_POSES} are needed. "
+            "Is it the truth of this recording?"
+        )
+        raise ArtifactError(msg)
+    return align(known.poses[mine, :2], truth.trajectory.poses[theirs, :2])
