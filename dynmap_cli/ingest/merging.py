@@ -124,6 +124,7 @@ class Columns:
     recording_index: I32
     geometries: list[tuple[int, ScanShape]]
     beam_interval_s: F64
+    reading_index: I64
 
     def keep(self, scans: B1 | slice) -> None:
         """Forget all other sweeps."""
@@ -132,6 +133,7 @@ class Columns:
         self.laser = self.laser[scans]
         self.geometry_index = self.geometry_index[scans]
         self.recording_index = self.recording_index[scans]
+        self.reading_index = self.reading_index[scans]
 
 
 def columns_of(lasers: Sequence[RawLaser], dropped: Counter[str]) -> tuple[Columns, int]:
@@ -156,6 +158,7 @@ def columns_of(lasers: Sequence[RawLaser], dropped: Counter[str]) -> tuple[Colum
         np.concatenate(recording)[order],
         geometries,
         _beam_intervals(lasers, geometries),
+        order,
     )
     repeated = _repeated(columns)
     if repeated.any():

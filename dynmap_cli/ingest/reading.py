@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +90,7 @@ def merge_recordings(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
     poses = _cut_ends(columns, odometry, joined)
-    _warn_of_bad_stamps(odometry, poses, out_of_order, joined)
+    stamps_jump = _stamps_jump(odometry, poses, out_of_order, joined) and len(used) == 1
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
     bearings_rad = _bearing_table(columns, mountings)
     verdicts = [
@@ -100,6 +101,9 @@ def merge_recordings(
     ]
     poses = _drop_empty(columns, poses, joined)
     log = _scan_log(columns, poses, bearings_rad, mountings, verdicts, names)
+    if stamps_jump:
+        arrival = np.argsort(np.argsort(columns.reading_index, kind="stable"), kind="stable")
+        log = replace(log, arrival_index=arrival.astype(np.int32))
     report = _report(
         recordings, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree
     )
@@ -184,14 +188,16 @@ def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64
     return poses
 
 
-def _warn_of_bad_stamps(odometry: Odometry, poses: F64, out_of_order: int, joined: RawRecording) -> None:
-    """Say so where the odometry is clearly longer along the stamps than in the order of recording."""
+def _stamps_jump(odometry: Odometry, poses: F64, out_of_order: int, joined: RawRecording) -> bool:
+    """Whether the odometry is clearly longer along the stamps than in the order of recording; says so."""
     stamped_m = path_length_m(poses[np.isfinite(poses).all(axis=1)])
-    if out_of_order and stamped_m > _ZIGZAG * odometry.path_m:
+    jump = bool(out_of_order and stamped_m > _ZIGZAG * odometry.path_m)
+    if jump:
         joined.warnings.append(
             f"the odometry is {stamped_m:.1f} m long along the stamps of the scans but {odometry.path_m:.1f} m in the "
-            "order of recording: some stamps are wrong by more than a scan"
+            "order of recording: some stamps are wrong by more than a scan; the order of recording is followed"
         )
+    return jump
 
 
 def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:
