@@ -10,8 +10,8 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32
 from dynmap_cli.domain.grid import GridFrame
 
-VARYING_DIFFERENCE = 0.25
-"""A cell varies if its reflectance differs by more than this between two states."""
+FREE_REFLECTANCE, VARYING_DIFFERENCE = 0.1, 0.25
+"""A cell varies if it is free in one state and its reflectance higher by more than this in another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class PatchSet:
     frame : GridFrame
         The rectangle, on the cells of the whole map.
     varying : (rows, cols) bool
-        Cells whose value differs between states.
+        Cells that are free in one state and reflect in another.
     patches : tuple of Patch
     stay_probability : float
         Probability that the state is the same one minute later.
@@ -86,8 +86,11 @@ class Visit:
 
 
 def cells_that_vary(patches: Sequence[Patch]) -> B1:
-    """(rows, cols) whether the known values of a cell differ between patches."""
+    """(rows, cols) whether a cell is free in one patch and reflects in another.
+
+    Between two states that both reflect, the values differ with the angles from which a wall was seen.
+    """
     values = np.stack([patch.reflectance for patch in patches])
     high = np.where(np.isnan(values), -np.inf, values).max(axis=0)
     low = np.where(np.isnan(values), np.inf, values).min(axis=0)
-    return np.asarray(high - low > VARYING_DIFFERENCE)
+    return np.asarray((low < FREE_REFLECTANCE) & (high - low > VARYING_DIFFERENCE))
