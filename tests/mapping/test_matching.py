@@ -1,0 +1,156 @@
+"""Matching kernels against their plain twins, and what matching has to do."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from dynmap_cli.kernels.matching import SIZE, correlate, insert_points, point_to_line, thin_points
+from tests.reference.mapping import (
+    plain_correlate,
+    plain_field,
+    plain_local_map,
+    plain_point_to_line,
+)
+
+CELL = 0.05
+
+
+class Torus:
+    """A local map on the torus."""
+
+    def __init__(self):
+        self.sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
+        self.lines = np.zeros((SIZE, SIZE, 2), dtype=np.float32)
+        self.field = np.zeros((SIZE, SIZE), dtype=np.uint8)
+
+    def insert(self, points, weights, pose, sign=1):
+        insert_points(points, weights, len(points), pose, sign, CELL, self.sums, self.lines, self.field)
+
+
+@pytest.fixture(scope="module")
+def room():
+    """Points on the walls of a room with a corner cut off, jittered, in the map frame."""
+    rng = np.random.default_rng(4)
+    corners = np.array([[-2.0, -1.5], [2.2, -1.5], [2.2, 1.0], [1.4, 1.9], [-2.0, 1.9], [-2.0, -1.5]])
+    walls = [
+        a + (b - a) * np.linspace(0, 1, int(np.hypot(*(b - a)) / 0.04))[:, None]
+        for a, b in itertools.pairwise(corners)
+    ]
+    points = np.concatenate(walls)
+    return points + rng.normal(0, 0.01, points.shape)
+
+
+@pytest.fixture(scope="module")
+def torus(room):
+    result = Torus()
+    result.insert(room, np.ones(len(room)), np.zeros(3))
+    return result
+
+
+def to_robot(points, pose):
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return (points - pose[:2]) @ np.array([[c, -s], [s, c]])
+
+
+def test_the_local_map_has_the_centroids_of_the_plain_one(room, torus):
+    cells = plain_local_map(room, np.ones(len(room)), CELL)
+    assert (torus.sums[..., 0] > 0).sum() == len(cells)
+    for (row, col), (weight, x, y) in cells.items():
+        hits, sx, sy = torus.sums[row % SIZE, col % SIZE]
+        np.testing.assert_allclose(hits / 2**20, weight, atol=1e-6)
+        np.testing.assert_allclose([(col + sx / hits) * CELL, (row + sy / hits) * CELL], [x, y], atol=1e-6)
+
+
+def test_the_field_is_that_of_the_plain_twin(room, torus):
+    field = plain_field(plain_local_map(room, np.ones(len(room)), CELL))
+    assert (torus.field > 0).sum() == len(field)
+    for (row, col), value in field.items():
+        assert torus.field[row % SIZE, col % SIZE] == value
+
+
+def test_taking_scans_out_leaves_the_rest_to_the_byte(room, torus):
+    other = Torus()
+    other.insert(room, np.ones(len(room)), np.zeros(3))
+    pose = np.array([40.0, -30.0, 1.0])
+    other.insert(room, np.full(len(room), 0.3), pose)
+    other.insert(room, np.full(len(room), 0.3), pose, sign=-1)
+    for name in ("sums", "lines", "field"):
+        assert getattr(other, name).tobytes() == getattr(torus, name).tobytes()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_normal_equations_match_the_plain_sum(room, torus, seed):
+    rng = np.random.default_rng(seed)
+    pose = np.array([*rng.normal(0, 0.03, 2), rng.normal(0, 0.02)])
+    points, weights = to_robot(room[::5], np.zeros(3)), rng.uniform(0, 1, len(room[::5]))
+    normal_matrix, gradient = np.empty((3, 3)), np.empty(3)
+    share = point_to_line(
+        points, weights, len(points), pose, 2, 0.06, CELL, torus.sums, torus.lines, normal_matrix, gradient
+    )
+    expected = plain_point_to_line(
+        points, weights, pose, 2, 0.06, CELL, plain_local_map(room, np.ones(len(room)), CELL)
+    )
+    np.testing.assert_allclose(normal_matrix, expected[0], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(gradient, expected[1], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(share, expected[2], rtol=1e-4)
+
+
+def test_correlative_search_finds_what_trying_everything_finds(room, torus):
+    points = to_robot(room[::20], np.array([0.1, -0.05, 0.06]))
+    angles = np.arange(-0.1, 0.11, 0.02)
+    costs, out = np.array([0.3, 1.0]), np.empty(3)
+    score = correlate(
+        points,
+        len(points),
+        np.zeros(3),
+        angles,
+        4,
+        1,
+        CELL,
+        torus.field,
+        np.zeros((64, 64), np.int32),
+        costs,
+        out,
+    )
+    field = plain_field(plain_local_map(room, np.ones(len(room)), CELL))
+    _, expected_score, expected = plain_correlate(points, np.zeros(3), angles, 4, CELL, field, costs)
+    np.testing.assert_allclose(out, expected, atol=1e-12)
+    np.testing.assert_allclose(score, expected_score)
+    np.testing.assert_allclose(out, [0.1, -0.05, 0.06], atol=0.051)
+
+
+def test_the_map_is_the_same_on_the_other_side_of_the_torus(room):
+    here, there = Torus(), Torus()
+    shift = np.array([SIZE * CELL * 3, -SIZE * CELL * 2, 0.0])
+    here.insert(room, np.ones(len(room)), np.zeros(3))
+    there.insert(room, np.ones(len(room)), shift)
+    same = (here.sums[..., 0] > 0) == (there.sums[..., 0] > 0)
+    assert same.mean() > 0.99999
+    matrices = []
+    for torus, pose in ((here, np.array([0.01, 0.02, 0.01])), (there, shift + np.array([0.01, 0.02, 0.01]))):
+        matrix, gradient = np.empty((3, 3)), np.empty(3)
+        point_to_line(
+            room,
+            np.ones(len(room)),
+            len(room),
+            pose,
+            2,
+            0.06,
+            CELL,
+            torus.sums,
+            torus.lines,
+            matrix,
+            gradient,
+        )
+        matrices.append(matrix)
+    np.testing.assert_allclose(matrices[0], matrices[1], rtol=2e-2, atol=0.5)
+
+
+def test_thinning_keeps_a_spacing_and_skips_what_is_no_return():
+    ranges = np.array([1.0, 1.0, np.nan, 1.0, np.inf, 5.0], dtype=np.float32)
+    directions = np.array([[np.cos(a), np.sin(a)] for a in (0.0, 0.01, 0.02, 0.5, 0.6, 0.7)])
+    out, beams = np.empty((6, 2)), np.empty(6, dtype=np.int32)
+    count = thin_points(ranges, directions, np.array([0.2, 0.0, 0.0]), 4.0, 0.03, out, beams)
+    assert beams[:count].tolist() == [0, 3]
+    np.testing.assert_allclose(out[0], [1.2, 0.0])

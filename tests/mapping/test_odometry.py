@@ -1,0 +1,101 @@
+"""Calibration names what was done to the odometry."""
+
+import numpy as np
+import pytest
+
+from dynmap_cli.domain.poses import between, compose
+from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, never_runs_backwards
+
+
+def drive(n=1500, seed=0, backwards=False):
+    """True poses of a smooth drive with turns, five per second."""
+    rng = np.random.default_rng(seed)
+    turn_rate = np.convolve(rng.normal(0, 0.6, n + 98), np.hanning(99) / 49, mode="valid")[:n]
+    speed = 0.08 + 0.02 * np.sin(np.arange(n) / 40)
+    if backwards:
+        speed = speed * np.where(np.arange(n) % 200 < 60, -1, 1)
+    poses = np.zeros((n, 3))
+    for k in range(1, n):
+        poses[k] = compose(poses[k - 1], np.array([speed[k], 0.0, turn_rate[k]]))
+    return poses, np.arange(n) * 0.2
+
+
+def odometry_of(poses, scale=1.0, bias=0.0, shift=1.0):
+    """Odometry whose turns relate to the true ones by scale and bias per metre."""
+    steps = between(poses[:-1], poses[1:])
+    steps[:, 2] = (steps[:, 2] - bias * np.linalg.norm(steps[:, :2], axis=1)) / scale
+    steps[:, :2] /= shift
+    odometry = np.zeros_like(poses)
+    for k, step in enumerate(steps):
+        odometry[k + 1] = compose(odometry[k], step)
+    return odometry
+
+
+def delayed(odometry, scans):
+    """Odometry that is late by a number of scans."""
+    index = np.clip(np.arange(len(odometry)) - scans, 0, len(odometry) - 1)
+    return np.column_stack(
+        [
+            np.interp(
+                index, np.arange(len(odometry)), np.unwrap(odometry[:, 2]) if c == 2 else odometry[:, c]
+            )
+            for c in range(3)
+        ]
+    )
+
+
+GOOD = np.ones(1500, dtype=bool)
+
+
+def test_perfect_odometry_needs_no_correction():
+    poses, times = drive()
+    found = calibrate(odometry_of(poses), times, poses, GOOD, reversible=False)
+    assert abs(found.lag_scans) < 0.05
+    assert abs(found.rotation_scale - 1) < 0.01
+    assert abs(found.rotation_bias_rad_m) < 0.005
+    assert found.findings() == []
+
+
+@pytest.mark.parametrize("lag", [-1.0, -0.46, 0.43, 1.4])
+def test_a_lag_is_found_and_taken_out(lag):
+    poses, times = drive()
+    odometry = delayed(odometry_of(poses), lag)
+    found = calibrate(odometry, times, poses, GOOD, reversible=False)
+    assert abs(found.lag_scans + found.lag_s / 0.2 - lag) < 0.1
+    motion = corrected_motion(odometry, times, found)[5:-5]
+    true = between(poses[4:-6], poses[5:-5])
+    assert (
+        np.abs(motion[:, 2] - true[:, 2]).mean()
+        < 0.2 * np.abs(np.diff(odometry[5:-5, 2]) - true[1:, 2]).mean()
+    )
+
+
+@pytest.mark.parametrize(("scale", "bias"), [(1.05, 0.0), (0.95, 0.035), (1.0, -0.05)])
+def test_scale_and_bias_of_turns_are_found(scale, bias):
+    poses, times = drive()
+    found = calibrate(odometry_of(poses, scale, bias), times, poses, GOOD, reversible=False)
+    assert abs(found.rotation_scale - scale) < 0.02
+    assert abs(found.rotation_bias_rad_m - bias) < 0.006
+    assert any("turns" in line for line in found.findings())
+
+
+def test_scale_of_the_distance_is_found():
+    poses, times = drive()
+    found = calibrate(odometry_of(poses, shift=1.04), times, poses, GOOD, reversible=False)
+    assert abs(found.translation_scale - 1.04) < 0.01
+
+
+def test_odometry_without_sign_is_suspected():
+    poses, _ = drive(backwards=True)
+    assert not never_runs_backwards(poses)
+    steps = between(poses[:-1], poses[1:])
+    steps[:, 0] = np.abs(steps[:, 0])
+    signless = np.zeros_like(poses)
+    for k, step in enumerate(steps):
+        signless[k + 1] = compose(signless[k], step)
+    assert never_runs_backwards(signless)
+
+
+def test_without_odometry_there_is_nothing_to_correct():
+    missing = np.full((10, 3), np.nan)
+    assert not np.isfinite(corrected_motion(missing, np.arange(10.0), Calibration())[1:]).any()
