@@ -21,6 +21,8 @@ from dynmap_cli.localization.settings import LocalizationSettings
 START_BEAMS = 60
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
+SURE_SHARE = 0.99
+"""Share of the draw in one place from which on no further scan is needed."""
 CLEARLY_BETTER = 3.0
 """Tempered log-likelihood by which another place must beat the current one."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
@@ -60,12 +62,12 @@ def global_start(
     """Particles at the pose of a scan, drawn from a lattice over all free cells and all yaws.
 
     The lattice sees the union of all states. Where one scan is ambiguous, later ones are put in by
-    odometry until the draw has one mode.
+    odometry until nearly all of the draw lies in one place.
     """
     candidates = lattice_candidates(log, scan, pool, settings, executor)
     particles = draw_start(candidates, settings, random)
     for later in _later_scans(log, scan, settings):
-        if estimate_pose(particles).is_one_mode:
+        if estimate_pose(particles).share >= SURE_SHARE:
             break
         candidates = _with_scan(candidates, log, scan, later, pool, settings)
         particles = draw_start(candidates, settings, random)

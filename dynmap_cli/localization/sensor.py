@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I32
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.likelihood import field_log_likelihoods
@@ -38,11 +38,11 @@ class Sweep:
     ranges_m: F64
     reach_m: float
 
-    @property
-    def ends_m(self) -> F64:
-        """(n, 2) end points in the robot frame; not finite where nothing was hit."""
-        directions = np.stack([np.cos(self.directions_rad), np.sin(self.directions_rad)], axis=-1)
-        return np.asarray(self.sensor + self.ranges_m[:, None] * directions)
+    def ends_m(self, beams: B1 | I64) -> F64:
+        """(m, 2) end points of some beams, which must have hit something, in the robot frame."""
+        angles = self.directions_rad[beams]
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return np.asarray(self.sensor + self.ranges_m[beams, None] * directions)
 
 
 def sweep_of(log: ScanLog, scan: int, max_range_m: float) -> Sweep:
@@ -58,10 +58,10 @@ def sweep_of(log: ScanLog, scan: int, max_range_m: float) -> Sweep:
 
 def pose_ends(sweep: Sweep, max_beams: int) -> F64:
     """(n, 2) ends of at most *max_beams* beams with a return, evenly spread, in the robot frame."""
-    ends = sweep.ends_m[np.isfinite(sweep.ranges_m)]
-    if ends.shape[0] > max_beams:
-        ends = ends[np.round(np.linspace(0, ends.shape[0] - 1, max_beams)).astype(np.int64)]
-    return ends
+    hits = np.flatnonzero(np.isfinite(sweep.ranges_m))
+    if hits.size > max_beams:
+        hits = hits[np.round(np.linspace(0, hits.size - 1, max_beams)).astype(np.int64)]
+    return sweep.ends_m(hits)
 
 
 def end_log_likelihood(distance_m: F64 | F32, sigma_m: float, settings: LocalizationSettings) -> F32:
