@@ -129,3 +129,57 @@ def beams_command(paths: tuple[Path, ...], threads: int) -> tuple[list[Score], P
     ]
     names = ("static_kept_SA", "dynamic_found_DA", "harmonic_HA", "precision", "F1")
     return scores, functools.partial(plot_bars, names=names, label="share"), []
+
+
+@command.command("states")
+@click.argument("paths", metavar="[RUN TRUTH]...", nargs=-1, required=True, type=PATH)
+@output_options
+def states_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list[str]]:
+    """Compare the states of each sub-map with what the doors and boxes in it really did."""
+    from dynmap_cli.evaluation.figures import plot_bars
+    from dynmap_cli.evaluation.states import read_learned_states, score_states
+    from dynmap_cli.evaluation.truth import read_truth
+
+    pairs = in_pairs(paths, "RUN", "TRUTH")
+    scores = []
+    for name, (run, truth_folder) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True):
+        truth = read_truth(truth_folder)
+        scores.append(score_states(name, read_learned_states(run, truth), truth))
+    names = ("objects_found_share", "adjusted_rand_index", "right_number_of_states_share")
+    return scores, functools.partial(plot_bars, names=names, label="share"), []
+
+
+@command.command("localization")
+@click.argument("paths", metavar="[OUT TRUTH]...", nargs=-1, required=True, type=PATH)
+@click.option(
+    "--map",
+    "map_paths",
+    metavar="RUN TRUTH",
+    nargs=2,
+    type=PATH,
+    help="The run it was localized in and the truth of that run's recording: gives the frame of the map and the "
+    "meaning of its states. Without it, poses are taken to be in the frame of the truth.",
+)
+@output_options
+def localization_command(
+    paths: tuple[Path, ...], map_paths: tuple[Path, Path] | None
+) -> tuple[list[Score], Plot, list[str]]:
+    """Compare poses, states and verdicts of a localization with the truth of its recording.
+
+    A pose is right within 0.5 m and 10 degrees; success = 95 % right after convergence.
+    """
+    from dynmap_cli.evaluation.figures import plot_over_time
+    from dynmap_cli.evaluation.localization import read_localized, score_localization
+    from dynmap_cli.evaluation.states import read_learned_states
+    from dynmap_cli.evaluation.truth import read_truth
+
+    learned = map_truth = None
+    if map_paths is not None:
+        map_truth = read_truth(map_paths[1])
+        learned = read_learned_states(map_paths[0], map_truth)
+    pairs = in_pairs(paths, "OUT", "TRUTH")
+    scores = [
+        score_localization(name, read_localized(out), read_truth(truth), learned, map_truth)
+        for name, (out, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+    ]
+    return scores, plot_over_time, []

@@ -59,6 +59,20 @@ def plot_bars(path: Path, scores: Sequence[Score], names: Sequence[str], label: 
     _save(path, figure)
 
 
+def plot_over_time(path: Path, scores: Sequence[Score]) -> None:
+    """Series over the series "seconds", one panel each, on a logarithmic axis."""
+    names = [name for name in scores[0].series if name != "seconds"]
+    figure = Figure(figsize=(8.0, 2.4 * len(names)), dpi=110, layout="constrained")
+    for axes, name in zip(np.atleast_1d(figure.subplots(len(names), 1)), names, strict=True):
+        for score in scores:
+            axes.semilogy(score.series["seconds"], score.series[name], linewidth=0.9, label=score.name)
+        axes.set_xlabel("s")
+        axes.set_ylabel(name)
+        axes.grid(visible=True, color="#e4e4e4")
+        axes.legend()
+    _save(path, figure)
+
+
 def _save(path: Path, figure: Figure) -> None:
     with replacing(path) as part:
         part.write_bytes(as_png(figure))
