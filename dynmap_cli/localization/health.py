@@ -28,6 +28,10 @@ SPREAD_WEIGHT = 0.02
 STAYS_S, FORGOTTEN_S = 5.0, 2.0
 CHANGED_SHARE = 0.08
 COARSE_CELLS = 4
+SEARCH_AFTER = 10
+"""Updates in a row that are lost before the whole map is searched; doubled after each search."""
+FOUND_AFTER = 30
+"""Updates in a row that are not lost after which patience is short again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +127,26 @@ class Verdict:
         if sum(self._staying) / len(self._staying) > CHANGED_SHARE:
             return "changed"
         return "tracking"
+
+
+class Patience:
+    """Counts lost updates until the whole map has to be searched."""
+
+    def __init__(self) -> None:
+        self._lost, self._found, self._patience = 0, 0, SEARCH_AFTER
+
+    def is_over(self, verdict: str) -> bool:
+        """Take one more verdict into account."""
+        if verdict != "lost":
+            self._lost, self._found = 0, self._found + 1
+            if self._found >= FOUND_AFTER:
+                self._patience = SEARCH_AFTER
+            return False
+        self._lost, self._found = self._lost + 1, 0
+        if self._lost < self._patience:
+            return False
+        self._lost, self._patience = 0, 2 * self._patience
+        return True
 
 
 def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tuple[B1, B1]:

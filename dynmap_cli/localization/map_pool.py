@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,8 @@ SOLID_REFLECTANCE = 0.25
 half a cell apart shares its hits between two cells."""
 EXPLAINED_M = 0.2
 """An end this close to something in the map is explained by it."""
+MARGIN_M = 1.0
+"""Around the map, so that ends just beyond a wall at its edge are still near it."""
 FROM_ALL_SIDES = 255
 
 
@@ -96,7 +99,7 @@ class MapPool:
     Attributes
     ----------
     frame : GridFrame
-        Of the whole map, with a border of one unknown cell.
+        Of the whole map, with a margin of unknown cells.
     pool : (n,) float32
         Log-likelihood of an end in each cell: the field of the whole map, then those of all states.
         Inside the rectangles the first holds the mixture that was painted last.
@@ -150,7 +153,7 @@ def make_map_pool(
     static = (cells == OCCUPIED) & (owner < 0)
     solid = [_solid_states(patch_set) for patch_set in sets]
     union = _union(static, owner, sets, solid, frame)
-    distance = _distance_m(static, frame.resolution_m)
+    distance = _far_at_the_border(_distance_m(static, frame.resolution_m))
     start = frame.rows * frame.cols
     submaps, fields = [], [end_log_likelihood(distance, settings.sigma_hit, settings).ravel()]
     for number, patch_set in enumerate(sets):
@@ -164,10 +167,11 @@ def make_map_pool(
         msg = f"the map has {start} cells; at most {2**31 - 1} fit. Build it with a larger map.resolution_m."
         raise ArtifactError(msg)
     blunt = max(settings.sigma_hit, settings.start_pitch_m)
+    union_distance = _far_at_the_border(_distance_m(union, frame.resolution_m))
     pool = MapPool(
         frame=frame,
         pool=np.concatenate(fields),
-        start_field=end_log_likelihood(_distance_m(union, frame.resolution_m), blunt, settings).ravel(),
+        start_field=end_log_likelihood(union_distance, blunt, settings).ravel(),
         free=(cells == FREE) | ((owner >= 0) & ~union),
         explained=distance <= EXPLAINED_M,
         surfaces=surface_codes(static),
@@ -208,13 +212,14 @@ def surface_codes(solid: B1) -> U8:
 
 
 def _common_frame(frame: GridFrame, sets: Sequence[PatchSet]) -> GridFrame:
-    """Smallest frame on the cells of the map that holds the map, all rectangles and a border of one cell."""
+    """Smallest frame on the cells of the map that holds the map, all rectangles and a margin."""
     row0, col0, row1, col1 = 0, 0, frame.rows, frame.cols
     for patch_set in sets:
         row, col = _place(patch_set.frame, frame)
         row0, col0 = min(row0, row), min(col0, col)
         row1, col1 = max(row1, row + patch_set.frame.rows), max(col1, col + patch_set.frame.cols)
-    return frame.window(row0 - 1, col0 - 1, row1 - row0 + 2, col1 - col0 + 2)
+    margin = math.ceil(MARGIN_M / frame.resolution_m)
+    return frame.window(row0 - margin, col0 - margin, row1 - row0 + 2 * margin, col1 - col0 + 2 * margin)
 
 
 def _place(inner: GridFrame, outer: GridFrame) -> tuple[int, int]:
@@ -285,6 +290,12 @@ def _distance_m(solid: B1, resolution_m: float) -> F64:
     if not bool(solid.any()):
         return np.full(solid.shape, np.inf)
     return np.asarray(ndimage.distance_transform_edt(~solid) * resolution_m)
+
+
+def _far_at_the_border(distance_m: F64) -> F64:
+    """The outermost cells stand for all that is outside, which is far from everything."""
+    inner = distance_m[1:-1, 1:-1].copy()
+    return np.pad(inner, 1, constant_values=np.inf)
 
 
 def _submap_states(

@@ -14,7 +14,7 @@ from dynmap_cli.domain.poses import Trajectory, between, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.localization.global_start import given_start, global_start, is_usable, search_again
-from dynmap_cli.localization.health import NovelPlaces, ScanHealth, Verdict, scan_health
+from dynmap_cli.localization.health import NovelPlaces, Patience, ScanHealth, Verdict, scan_health
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
 from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
@@ -29,23 +29,14 @@ from dynmap_cli.localization.states import (
     state_evidence,
     update_belief,
 )
-from dynmap_cli.localization.transitions import (
-    nearest_submaps,
-    predict_belief,
-    same_probability,
-    sample_states,
-)
+from dynmap_cli.localization.transitions import nearest_submaps, sample_states
+from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
 
 _log = logging.getLogger(__name__)
 
 WIDEST_SPREAD_M = 0.5
 """States are learned only while the particles agree this well on a place."""
-REPAINT_ABOVE = 0.01
-SEARCH_AFTER = 10
-"""Updates in a row that are lost before the whole map is searched; doubled after each search in vain."""
-FOUND_AFTER = 30
-"""Updates in a row that are not lost after which a search counts as a success."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,51 +148,6 @@ def localize_log(
     return result
 
 
-class World:
-    """Belief in the state of every sub-map, and when it was last looked at."""
-
-    def __init__(self, pool: MapPool) -> None:
-        self._pool = pool
-        self._beliefs = [np.full(submap.n_states, 1.0 / submap.n_states) for submap in pool.submaps]
-        self._painted = list(self._beliefs)
-        self._stamps_ns: list[int | None] = [None] * len(pool.submaps)
-
-    def belief(self, number: int, stamp_ns: int) -> F64:
-        """Belief (n_states,) at some time, without looking."""
-        last = self._stamps_ns[number]
-        if last is None:
-            return self._beliefs[number]
-        seconds = max(stamp_ns - last, 0) * 1e-9
-        return predict_belief(self._beliefs[number], same_probability(self._pool.submaps[number], seconds))
-
-    def learn(self, number: int, stamp_ns: int, belief: F64) -> None:
-        """Note the belief after looking."""
-        self._beliefs[number], self._stamps_ns[number] = belief, stamp_ns
-
-    def show(self, numbers: list[int], stamp_ns: int) -> None:
-        """Paint what is believed of some sub-maps into the map."""
-        for number in numbers:
-            belief = self.belief(number, stamp_ns)
-            if np.abs(belief - self._painted[number]).max() > REPAINT_ABOVE:
-                self._pool.paint(number, belief)
-                self._painted[number] = belief
-
-    def likeliest(self, numbers: list[int], stamp_ns: int) -> dict[int, int]:
-        """Index of the likeliest state of some sub-maps."""
-        return {number: int(np.argmax(self.belief(number, stamp_ns))) for number in numbers}
-
-    def near(self, point_m: F64, within_m: float) -> list[int]:
-        """Indices of the sub-maps whose rectangle is within reach of a point."""
-        found = []
-        for number, submap in enumerate(self._pool.submaps):
-            x0, y0, x1, y1 = submap.rectangle_m
-            dx = max(x0 - point_m[0], point_m[0] - x1, 0.0)
-            dy = max(y0 - point_m[1], point_m[1] - y1, 0.0)
-            if dx * dx + dy * dy <= within_m * within_m:
-                found.append(number)
-        return found
-
-
 class _Tracker:
     """The filter on one recording."""
 
@@ -218,9 +164,8 @@ class _Tracker:
         self._log, self._pool, self._settings = log, pool, settings
         self._random, self._executor, self._world, self._result = random, executor, world, result
         self._windows = _window_table(pool)
-        self._novel, self._verdict = NovelPlaces(pool.frame), Verdict()
+        self._novel, self._verdict, self._patience = NovelPlaces(pool.frame), Verdict(), Patience()
         self._velocity = np.zeros(3)
-        self._lost, self._found, self._patience = 0, 0, SEARCH_AFTER
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the recording; those before the first usable one are put in at the end."""
@@ -248,16 +193,15 @@ class _Tracker:
 
     def _is_due(self, updated: int, scan: int, motion: Motion) -> bool:
         """Whether a scan is weighed: after some way, turn or time; without odometry always."""
-        if not is_usable(self._log, scan, self._settings):
-            return False
         settings = self._settings
         seconds = (self._log.stamps_ns[scan] - self._log.stamps_ns[updated]) * 1e-9
-        return (
+        is_due = (
             not motion.measured
             or float(np.hypot(motion.step[0], motion.step[1])) >= settings.update_min_d
             or abs(float(motion.step[2])) >= settings.update_min_a
             or float(seconds) >= settings.update_max_s
         )
+        return is_due and is_usable(self._log, scan, settings)
 
     def _update(self, updated: int, scan: int, motion: Motion, particles: Particles) -> Particles:
         """Predict, weigh, learn the states in view, judge, resample."""
@@ -283,7 +227,8 @@ class _Tracker:
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, sweep, ends, particles, estimate, in_view)
-        if self._gave_up():
+        if self._patience.is_over(self._result.health[-1].verdict):
+            self._verdict = Verdict()
             self._result.searches.append(stamp)
             found = search_again(
                 self._log, scan, particles.poses, self._pool, settings, self._random, self._executor
@@ -293,20 +238,6 @@ class _Tracker:
         if particles.effective < particles.count / 2:
             particles = resample(particles, settings, self._random)
         return particles
-
-    def _gave_up(self) -> bool:
-        """Whether the robot has been lost for so long that the whole map has to be searched."""
-        if self._result.health[-1].verdict != "lost":
-            self._lost, self._found = 0, self._found + 1
-            if self._found >= FOUND_AFTER:
-                self._patience = SEARCH_AFTER
-            return False
-        self._lost, self._found = self._lost + 1, 0
-        if self._lost < self._patience:
-            return False
-        self._lost, self._patience = 0, 2 * self._patience
-        self._verdict = Verdict()
-        return True
 
     def _draw_states(self, particles: Particles, seconds: float) -> Particles:
         """Let every particle keep or change the state of its sub-map."""

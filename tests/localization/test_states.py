@@ -215,7 +215,7 @@ def test_a_rectangle_may_reach_beyond_the_map():
     values = np.full(frame.shape, 0.9, dtype=np.float32)
     beyond = PatchSet(1, frame, values > 0, (Patch(0, 1, values),), math.nan)
     pool = make_map_pool(grid, [patch_set, beyond], LocalizationSettings())
-    assert pool.frame.rows == 52 + 3 + 2 and pool.frame.cols == 90 + 2
+    assert pool.frame.rows == 52 + 3 + 2 * 10 and pool.frame.cols == 90 + 2 * 10
 
 
 def test_cells_that_no_state_knows_are_those_of_the_map():
@@ -232,3 +232,15 @@ def test_cells_that_no_state_knows_are_those_of_the_map():
     assert pool.submaps[0].owned[:, 2:].all()
     _, inside = pool.submaps[0].cells_of(np.array([[3.85, 2.5], [4.05, 2.5], [-3.0, 2.5]]))
     assert inside.tolist() == [False, True, False]
+
+
+def test_outside_the_map_nothing_is_near_even_where_a_wall_is_its_edge():
+    settings = LocalizationSettings()
+    grid, patch_set = world()
+    pool = make_map_pool(grid, [patch_set], settings)
+    ends = np.array([[-50.0, 0.0], [2.5, -1.3], [2.5, -0.12]])
+    for field in (pool.pool, pool.start_field):
+        values = [scan_log_likelihoods(field, pool.frame, np.zeros((1, 3)), end[None, :])[0] for end in ends]
+        assert abs(values[0] - math.log(0.5 / 30)) < 1e-5
+        assert abs(values[1] - math.log(0.5 / 30)) < 1e-5
+        assert values[2] > -1.2

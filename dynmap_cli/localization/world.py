@@ -1,0 +1,57 @@
+"""The state of the world: a belief for every sub-map, kept between looks, and shown in the map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.transitions import predict_belief, same_probability
+
+REPAINT_ABOVE = 0.01
+"""Smaller changes of a probability are not worth painting."""
+
+
+class World:
+    """What is believed, and when it was last looked at; the map of the pool shows it."""
+
+    def __init__(self, pool: MapPool) -> None:
+        self._pool = pool
+        self._beliefs = [np.full(submap.n_states, 1.0 / submap.n_states) for submap in pool.submaps]
+        self._painted = list(self._beliefs)
+        self._stamps_ns: list[int | None] = [None] * len(pool.submaps)
+
+    def belief(self, number: int, stamp_ns: int) -> F64:
+        """Belief (n_states,) at some time, without looking."""
+        last = self._stamps_ns[number]
+        if last is None:
+            return self._beliefs[number]
+        seconds = max(stamp_ns - last, 0) * 1e-9
+        return predict_belief(self._beliefs[number], same_probability(self._pool.submaps[number], seconds))
+
+    def learn(self, number: int, stamp_ns: int, belief: F64) -> None:
+        """Note the belief after looking."""
+        self._beliefs[number], self._stamps_ns[number] = belief, stamp_ns
+
+    def show(self, numbers: list[int], stamp_ns: int) -> None:
+        """Paint what is believed of some sub-maps into the map."""
+        for number in numbers:
+            belief = self.belief(number, stamp_ns)
+            if np.abs(belief - self._painted[number]).max() > REPAINT_ABOVE:
+                self._pool.paint(number, belief)
+                self._painted[number] = belief
+
+    def likeliest(self, numbers: list[int], stamp_ns: int) -> dict[int, int]:
+        """Index of the likeliest state of some sub-maps."""
+        return {number: int(np.argmax(self.belief(number, stamp_ns))) for number in numbers}
+
+    def near(self, point_m: F64, within_m: float) -> list[int]:
+        """Indices of the sub-maps whose rectangle is within reach of a point."""
+        found = []
+        for number, submap in enumerate(self._pool.submaps):
+            x0, y0, x1, y1 = submap.rectangle_m
+            dx = max(x0 - point_m[0], point_m[0] - x1, 0.0)
+            dy = max(y0 - point_m[1], point_m[1] - y1, 0.0)
+            if dx * dx + dy * dy <= within_m * within_m:
+                found.append(number)
+        return found

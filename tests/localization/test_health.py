@@ -1,0 +1,100 @@
+"""Lost, changed, or all well."""
+
+import numpy as np
+
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.localization.health import (
+    FOUND_AFTER,
+    SEARCH_AFTER,
+    NovelPlaces,
+    Patience,
+    ScanHealth,
+    Verdict,
+    scan_health,
+)
+from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.particle_filter import Estimate
+from dynmap_cli.localization.sensor import sweep_of
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.states import place_sweep
+from tests.localization.test_states import POSE, evidence, log_of, world
+
+FRAME = GridFrame(0.1, 0.0, 0.0, 50, 50)
+SETTINGS = LocalizationSettings()
+
+
+def health_at(pose, shut, state):
+    grid, patch_set = world()
+    pool = make_map_pool(grid, [patch_set], SETTINGS)
+    placed = place_sweep(sweep_of(log_of([shut]), 0, 30.0), np.asarray(pose))
+    return scan_health(placed, pool, {0: state}, NovelPlaces(pool.frame), 0.0)
+
+
+def estimate(share=1.0, spread_m=0.05):
+    return Estimate(POSE, share, spread_m)
+
+
+def test_the_shares_sort_every_beam_once():
+    for shut, state in ((True, 0), (True, 1), (False, 0), (False, 1)):
+        health = health_at(POSE, shut, state)
+        total = health.explained + health.explained_by_other_state + health.unexplained
+        assert abs(total - 1) < 1e-9
+
+
+def test_a_closed_door_that_is_believed_open_is_explained_by_the_other_state():
+    assert health_at(POSE, True, 1).explained_by_other_state > 0.05
+    assert health_at(POSE, True, 0).explained_by_other_state == 0.0
+    assert health_at(POSE, True, 0).explained > 0.98
+
+
+def test_an_open_door_is_no_sign_of_being_lost_but_a_wrong_pose_is():
+    assert health_at(POSE, False, 0).through_walls == 0.0
+    assert health_at([0.8, 1.0, 0.6], False, 0).through_walls > 0.12
+
+
+def test_beams_seen_through_a_surface_count_only_beyond_it():
+    grid, patch_set = world()
+    pool = make_map_pool(grid, [patch_set], SETTINGS)
+    assert evidence(True, SETTINGS, pool).through[0] == 0.0
+
+
+def test_what_stays_in_place_is_a_change_and_what_moves_is_not():
+    stays, moves = NovelPlaces(FRAME), NovelPlaces(FRAME)
+    for k in range(14):
+        staying = stays.see(np.array([[2.0, 2.0], [9.9, 9.9]]), 0.5 * k)
+        moving = moves.see(np.array([[0.3 * k, 2.0]]), 0.5 * k)
+    assert staying == 1
+    assert moving == 0
+
+
+def test_verdicts():
+    calm = ScanHealth(0.95, 0.0, 0.05, 0.0, 0.0)
+    for scan, expected, where in (
+        (calm, "tracking", estimate()),
+        (ScanHealth(0.5, 0.0, 0.5, 0.0, 0.0), "tracking", estimate()),
+        (ScanHealth(0.5, 0.0, 0.5, 0.0, 0.3), "changed", estimate()),
+        (ScanHealth(0.9, 0.0, 0.1, 0.3, 0.0), "lost", estimate()),
+        (calm, "lost", estimate(share=0.5)),
+    ):
+        assert Verdict().judge(scan, where) == expected
+
+
+def test_one_bad_scan_among_six_is_no_loss():
+    verdict = Verdict()
+    said = [
+        verdict.judge(ScanHealth(0.9, 0.0, 0.1, share, 0.0), estimate()) for share in (0, 0, 0.5, 0, 0, 0)
+    ]
+    assert said[-1] == "tracking"
+
+
+def test_patience_grows_with_every_search_and_is_short_again_after_success():
+    patience = Patience()
+    waits, waited = [], 0
+    for _ in range(SEARCH_AFTER * 7):
+        waited += 1
+        if patience.is_over("lost"):
+            waits.append(waited)
+            waited = 0
+    assert waits == [SEARCH_AFTER, 2 * SEARCH_AFTER, 4 * SEARCH_AFTER]
+    assert not any(patience.is_over("tracking") for _ in range(FOUND_AFTER))
+    assert [patience.is_over("lost") for _ in range(SEARCH_AFTER)][-1]
