@@ -183,3 +183,33 @@ def localization_command(
         for name, (out, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
     ]
     return scores, plot_over_time, []
+
+
+@command.command("map")
+@click.argument("paths", metavar="[MAP REFERENCE]... | RUN...", nargs=-1, required=True, type=PATH)
+@output_options
+def map_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list[str]]:
+    """Compare maps with references after alignment, or measure runs without any.
+
+    MAP and REFERENCE are map_server YAML files. If all arguments are run directories, each is measured on its own:
+    thickness of its walls, likelihood of scans held out, share of the end points that other scans look through.
+    """
+    from dynmap_cli.evaluation.figures import plot_bars
+    from dynmap_cli.evaluation.maps import score_map
+    from dynmap_cli.evaluation.sharpness import score_alone
+    from dynmap_cli.evaluation.truth import read_run
+    from dynmap_cli.files.pgm import read_map
+
+    if all(path.is_dir() for path in paths):
+        scores = [
+            score_alone(name, read_run(run)) for name, run in zip(short_names(paths), paths, strict=True)
+        ]
+        shares = ("looked_through_share", "looked_through_share_of_kept", "removed_share")
+        return scores, functools.partial(plot_bars, names=shares, label="share"), []
+    pairs = in_pairs(paths, "MAP.yaml", "REFERENCE.yaml")
+    scores = [
+        score_map(name, read_map(found)[0], read_map(reference)[0])
+        for name, (found, reference) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+    ]
+    names = ("differing_share", "occupied_precision", "occupied_recall", "occupied_recall_where_seen")
+    return scores, functools.partial(plot_bars, names=names, label="share"), []
