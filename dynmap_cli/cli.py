@@ -50,7 +50,7 @@ class DynmapGroup(click.Group):
         try:
             return super().invoke(ctx)
         except DynmapError as err:
-            click.echo(f"dynmap: {err}", err=True)
+            click.echo(f"dynmap: {' '.join(str(err).splitlines())}", err=True)
             sys.exit(err.exit_code)
         except KeyboardInterrupt:
             click.echo("dynmap: interrupted; finished stages are kept", err=True)

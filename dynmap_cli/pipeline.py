@@ -6,6 +6,7 @@ import logging
 import platform
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,18 @@ import yaml
 from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
-from dynmap_cli.errors import ArtifactError, ConfigError, LogError
+from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.files.atomic import replacing, scratch_folder
-from dynmap_cli.files.manifest import Manifest, manifest_path, read_manifest, sha256_of, write_manifest
+from dynmap_cli.files.lock import reading, writing
+from dynmap_cli.files.manifest import (
+    Manifest,
+    damaged,
+    manifest_path,
+    read_manifest,
+    sha256_of,
+    write_manifest,
+)
+from dynmap_cli.files.pgm import image_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
@@ -74,11 +84,13 @@ def build(
     """
     names = [stage.name for stage in STAGES]
     forced = len(names) if force_from is None else names.index(force_from)
-    results = [
-        run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=number >= forced)
-        for number, stage in enumerate(STAGES)
-    ]
-    write_run_yaml(run_dir, config, results[0].manifest)
+    context = _context(run_dir, config, threads, tuple(recordings))
+    _check_recordings(recordings)
+    results = []
+    with writing(run_dir):
+        for number, stage in enumerate(STAGES):
+            results.append(run_stage(stage, context, force=number >= forced))
+            write_run_yaml(run_dir, config)
     return results
 
 
@@ -87,10 +99,16 @@ def run_one(
 ) -> StageResult:
     """Run a single stage of a run directory."""
     stage = next(stage for stage in STAGES if stage.name == name)
-    result = run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=force)
-    ingested = read_manifest(run_dir / INGEST.folder, INGEST.name)
-    if ingested is not None:
-        write_run_yaml(run_dir, config, ingested)
+    if stage is INGEST:
+        _check_recordings(recordings)
+    elif not run_dir.is_dir():
+        msg = (
+            f"{run_dir}: no such run directory. Run `dynmap ingest LOG -o {run_dir}` or `dynmap build` first."
+        )
+        raise ArtifactError(msg)
+    with writing(run_dir):
+        result = run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=force)
+        write_run_yaml(run_dir, config)
     return result
 
 
@@ -108,13 +126,25 @@ def localize(
 
     The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
     """
-    ingested = run_stage(INGEST, _context(out_dir, config, threads, tuple(recordings)), force=False)
+    if run_dir is not None and not run_dir.is_dir():
+        msg = f"{run_dir}: no such run directory. Run `dynmap build LOG -o {run_dir}` first."
+        raise ArtifactError(msg)
+    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
+        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
+        raise ArtifactError(msg)
+    _check_recordings(recordings)
     context = replace(
         _context(run_dir or out_dir, config, threads, ()),
         scans_dir=out_dir / INGEST.folder,
         map_yaml=map_yaml,
     )
-    return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
+    with ExitStack() as locks:
+        if run_dir is not None:
+            locks.enter_context(reading(run_dir))
+            _check_chain(run_dir, LOCALIZE)
+        locks.enter_context(writing(out_dir))
+        ingested = run_stage(INGEST, _context(out_dir, config, threads, tuple(recordings)), force=force)
+        return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
 
 
 def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path | None = None) -> StageResult:
@@ -151,18 +181,26 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
     return StageResult(stage.name, ran=True, manifest=manifest, folder=folder)
 
 
-def write_run_yaml(run_dir: Path, config: Config, ingested: Manifest) -> None:
-    """Write the settings in effect, the versions and the inputs of a run."""
+def write_run_yaml(run_dir: Path, config: Config) -> None:
+    """Write the inputs of a run, the versions, and the settings: of finished stages those they were run with."""
     import numba
     import numpy as np
 
+    settings = config.model_dump(mode="json")
+    recordings: dict[str, str] = {}
+    for stage in STAGES:
+        done = read_manifest_or_none(run_dir / stage.folder, stage.name)
+        if done is not None and stage.section in settings:
+            settings[stage.section] = done.settings
+        if done is not None and stage is INGEST:
+            recordings = done.inputs
     content = {
         "dynmap": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "numba": numba.__version__,
-        "recordings": ingested.inputs,
-        "settings": config.model_dump(mode="json"),
+        "recordings": recordings,
+        "settings": settings,
     }
     with replacing(run_dir / "run.yaml") as part:
         part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
@@ -185,38 +223,80 @@ def _settings_of(stage: Stage, config: Config) -> dict[str, Any]:
 def _inputs_of(stage: Stage, context: StageContext) -> dict[str, str]:
     """Digests of what a stage reads: of the recordings, or as the manifests of earlier stages state them."""
     if stage is INGEST:
-        if not context.recordings:
-            msg = "no recording given. Pass one or more files or folders."
-            raise ConfigError(msg)
         return {str(path): _digest_of_recording(path) for path in context.recordings}
+    inputs = _outputs_of(context.scans_dir, INGEST)
     if context.map_yaml is not None:
-        return {
-            **_outputs_below(context.scans_dir, INGEST),
-            str(context.map_yaml): _digest_of_map(context.map_yaml),
-        }
-    available = _outputs_below(context.scans_dir, INGEST)
-    for earlier in STAGES[1:]:
-        if earlier is stage:
-            break
-        if any(path.startswith(f"{earlier.folder}/") for path in stage.reads):
-            available.update(_outputs_below(context.run_dir / earlier.folder, earlier))
-    return available
+        for path in (context.map_yaml, image_of(context.map_yaml)):
+            inputs[str(path)] = _digest_of_map(path)
+        return inputs
+    if context.scans_dir == context.run_dir / INGEST.folder:
+        _check_chain(context.run_dir, stage)
+    for earlier in _read_by(stage):
+        if earlier is not INGEST:
+            inputs.update(_outputs_of(context.run_dir / earlier.folder, earlier))
+    return inputs
 
 
-def _outputs_below(folder: Path, stage: Stage) -> dict[str, str]:
-    """Digests of the files of a finished stage, by their path in the run."""
+def _read_by(stage: Stage) -> list[Stage]:
+    """The earlier stages whose files a stage reads."""
+    return [
+        earlier
+        for earlier in STAGES
+        if earlier.folder and any(path.startswith(f"{earlier.folder}/") for path in stage.reads)
+    ]
+
+
+def _outputs_of(folder: Path, stage: Stage) -> dict[str, str]:
+    """Digests of the files of a finished stage, by their path in the run; the files are still what they were."""
     manifest = read_manifest(folder, stage.name)
     if manifest is None:
         msg = f"{folder}: stage '{stage.name}' is not done here. Run `dynmap build` or `dynmap {stage.name}` first."
         raise ArtifactError(msg)
+    path = damaged(folder, manifest)
+    if path is not None:
+        msg = (
+            f"{path}: not what stage '{stage.name}' wrote (missing, changed or damaged). "
+            f"Run `dynmap {stage.name}` again with --force."
+        )
+        raise ArtifactError(msg)
     return {f"{stage.folder}/{name}": digest for name, digest in manifest.outputs.items()}
 
 
-def _digest_of_recording(path: Path) -> str:
-    """Digest of a recording that must be there."""
-    if not path.exists():
-        msg = f"{path}: no such file or folder"
+def _check_chain(run_dir: Path, stage: Stage) -> None:
+    """Refuse files that were made from others than those which are there now.
+
+    A run whose scans were taken away to save space can still be localized in.
+    """
+    done = {earlier: read_manifest(run_dir / earlier.folder, earlier.name) for earlier in _read_by(REPORT)}
+    for later in _read_by(stage):
+        made = done[later]
+        for earlier in _read_by(later):
+            source = done[earlier]
+            if made is None or source is None:
+                continue
+            now = {f"{earlier.folder}/{name}": digest for name, digest in source.outputs.items()}
+            then = {name: made.inputs[name] for name in made.inputs if name.startswith(f"{earlier.folder}/")}
+            if now != then:
+                msg = (
+                    f"{run_dir / later.folder}: made from another {earlier.folder}/ than is there now. "
+                    f"Run `dynmap {later.name} {run_dir}`, or `dynmap build`, which runs all that is out of date."
+                )
+                raise ArtifactError(msg)
+
+
+def _check_recordings(recordings: Sequence[Path]) -> None:
+    """Refuse recordings that are not there before anything is made."""
+    if not recordings:
+        msg = "no recording given. Pass one or more files or folders."
         raise LogError(msg)
+    for path in recordings:
+        if not path.exists():
+            msg = f"{path}: no such file or folder"
+            raise LogError(msg)
+
+
+def _digest_of_recording(path: Path) -> str:
+    """Digest of a recording."""
     try:
         return sha256_of(path)
     except OSError as err:
@@ -225,7 +305,7 @@ def _digest_of_recording(path: Path) -> str:
 
 
 def _digest_of_map(path: Path) -> str:
-    """Digest of a map_server YAML and of the images beside it that it may name."""
+    """Digest of a map_server YAML or of its image."""
     try:
         return sha256_of(path)
     except OSError as err:
@@ -234,12 +314,12 @@ def _digest_of_map(path: Path) -> str:
 
 
 def _is_up_to_date(done: Manifest, settings: dict[str, Any], inputs: dict[str, str], folder: Path) -> bool:
-    """Whether a manifest describes what would be made now, and its files are there."""
+    """Whether a manifest describes what would be made now, and its files are still what it says."""
     return (
         done.settings == settings
         and done.inputs == inputs
         and done.dynmap_version == __version__
-        and all((folder / name).is_file() for name in done.outputs)
+        and damaged(folder, done) is None
     )
 
 

@@ -37,6 +37,6 @@ def command(
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
     ]
     lines += [f"map      {run_dir / 'map/map.yaml'}", f"patches  {run_dir / 'patches/patches.zip'}"]
-    lines += [f"report   {run_dir / 'report.html'}"]
+    lines += [f"report   {run_dir / 'report.html'}", f"figures  {run_dir / 'figures'}/"]
     summary = {result.stage: {**result.manifest.summary, "ran": result.ran} for result in results}
     print_summary({"run": str(run_dir), "stages": summary}, lines, as_json=shared.as_json)

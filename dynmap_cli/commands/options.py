@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import logging
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -121,10 +122,19 @@ def set_up_logging(verbose: int, *, quiet: bool) -> None:
 def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -> None:
     """Write the result of a verb to stdout: JSON for programs, lines for people."""
     if as_json:
-        click.echo(json.dumps(summary, indent=2, sort_keys=True))
+        click.echo(json.dumps(_as_json(summary), indent=2, sort_keys=True, allow_nan=False))
     else:
         for line in lines:
             click.echo(line)
+
+
+def _as_json(value: Any) -> Any:
+    """The same with null for NaN and infinity, which JSON does not know."""
+    if isinstance(value, dict):
+        return {str(key): _as_json(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_json(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def three_numbers(option: str, text: str) -> tuple[float, ...]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from dynmap_cli.errors import ArtifactError
+
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -22,19 +25,28 @@ def replacing(path: Path) -> Iterator[Path]:
         msg = f"{path}: cannot be written ({err.strerror or err}). Choose another output or free the place."
         raise ArtifactError(msg) from err
     finally:
-        part.unlink(missing_ok=True)
+        if path.parent.is_dir():
+            part.unlink(missing_ok=True)
 
 
 @contextmanager
 def scratch_folder(folder: Path) -> Iterator[Path]:
-    """Yield an empty folder `.part` beside the files it will become; it is gone afterwards."""
+    """Yield an empty folder `.part` beside the files it will become; it is gone afterwards.
+
+    Raises
+    ------
+    ArtifactError
+        If it cannot be made or filled. Other failures of the system are not about writing, and pass.
+    """
     part = folder.with_name(f".{folder.name}.part")
     try:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
         yield part
     except OSError as err:
-        where = err.filename or part
+        where = Path(str(err.filename or part))
+        if err.errno not in _NO_SPACE and not where.is_relative_to(folder.parent):
+            raise
         msg = f"{where}: cannot be written ({err.strerror or err}). Choose another output or free the place."
         raise ArtifactError(msg) from err
     finally:

@@ -89,12 +89,36 @@ def read_manifest(folder: Path, stage: str) -> Manifest | None:
 
 def sha256_of(path: Path) -> str:
     """Digest of a file, or of all files of a folder with their names."""
-    digest = hashlib.sha256()
     if path.is_dir():
+        digest = hashlib.sha256()
         for inner in sorted(p for p in path.rglob("*") if p.is_file()):
             digest.update(f"{inner.relative_to(path)}\0{sha256_of(inner)}\n".encode())
         return digest.hexdigest()
-    with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+    status = path.stat()
+    return _sha256_of_file(path, (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns))
+
+
+def damaged(folder: Path, manifest: Manifest) -> Path | None:
+    """First file of a finished stage that is missing, or is not what the stage wrote."""
+    for name, digest in manifest.outputs.items():
+        path = folder / name
+        try:
+            if sha256_of(path) != digest:
+                return path
+        except OSError:
+            return path
+    return None
+
+
+def _sha256_of_file(path: Path, identity: tuple[int, ...]) -> str:
+    """Digest of a file, read once as long as it stays the same: several stages ask for it."""
+    if identity not in _digests:
+        digest = hashlib.sha256()
+        with path.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+        _digests[identity] = digest.hexdigest()
+    return _digests[identity]
+
+
+_digests: dict[tuple[int, ...], str] = {}

@@ -59,8 +59,7 @@ def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
             f"{FREE_THRESH} is used instead"
         )
         free_thresh = FREE_THRESH
-    image_path = yaml_path.parent / str(content["image"])
-    grey = _read_grey(image_path)
+    grey = _read_grey(yaml_path.parent / str(content["image"]))
     shade = grey / 255.0 if content.get("negate") else (255.0 - grey) / 255.0
     cells = np.full(grey.shape, UNKNOWN, dtype=np.int8)
     cells[shade > occupied_thresh] = OCCUPIED
@@ -69,6 +68,11 @@ def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
         float(content["resolution"]), float(content["origin"][0]), float(content["origin"][1]), *cells.shape
     )
     return OccupancyGrid(frame, np.ascontiguousarray(np.flipud(cells))), warnings
+
+
+def image_of(yaml_path: Path) -> Path:
+    """Where the image of a map_server YAML lies."""
+    return yaml_path.parent / str(_read_yaml(yaml_path)["image"])
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
