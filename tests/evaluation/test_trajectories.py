@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.domain.poses import Trajectory, between, compose
+from dynmap_cli.domain.poses import Trajectory, between, compose, wrap_angle
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import associate, nearest_stamp
 from dynmap_cli.evaluation.relations import Relations, read_relations, relation_errors, score_relations
@@ -17,12 +17,11 @@ SEEDS = st.integers(0, 10_000)
 def walk(seed, count=120):
     """A path of a robot that turns now and then."""
     draw = np.random.default_rng(seed)
-    steps = np.column_stack([draw.uniform(0.0, 0.4, count), np.zeros(count), draw.normal(0.0, 0.3, count)])
-    poses = [draw.normal(0.0, 3.0, 3)]
-    for step in steps[1:]:
-        poses.append(compose(poses[-1], step))
+    yaw = wrap_angle(draw.uniform(-3, 3) + np.cumsum(draw.normal(0.0, 0.3, count)))
+    steps = draw.uniform(0.0, 0.4, count)
+    poses = np.column_stack([np.cumsum(steps * np.cos(yaw)), np.cumsum(steps * np.sin(yaw)), yaw])
     stamps = 10**18 + np.cumsum(draw.integers(150_000_000, 250_000_000, count))
-    return Trajectory(stamps.astype(np.int64), np.array(poses))
+    return Trajectory(stamps.astype(np.int64), poses)
 
 
 def shaken(trajectory, seed, sigma=0.05):

@@ -1,0 +1,165 @@
+"""The report: the same bytes each time, nothing to load, also where nothing changes."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dynmap_cli import __version__
+from dynmap_cli.config import Config
+from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
+from dynmap_cli.domain.patches import Patch, PatchSet, Visit
+from dynmap_cli.domain.poses import Trajectory
+from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.counting_map import write_beams
+from dynmap_cli.files.manifest import Manifest, write_manifest
+from dynmap_cli.files.patch_archive import write_patches
+from dynmap_cli.files.pgm import write_map
+from dynmap_cli.files.scan_log import write_scan_log
+from dynmap_cli.files.submaps import write_submaps
+from dynmap_cli.files.trajectory import write_tum
+from dynmap_cli.report.pictures import MapPicture, removed_end_points
+from dynmap_cli.report.stage import run
+from dynmap_cli.stage import StageContext
+
+N_SCANS, BEARINGS = 20, np.linspace(-1.0, 1.0, 11)
+
+
+def small_log():
+    ranges = np.full((N_SCANS, BEARINGS.size), 2.0, dtype=np.float32)
+    stamps = np.arange(N_SCANS, dtype=np.int64) * 10**9
+    return single_laser_log(stamps, ranges, BEARINGS, np.zeros((N_SCANS, 3)), sensor_pose=(0.2, 0.0, 0.1))
+
+
+def small_grid():
+    cells = np.full((80, 60), FREE, dtype=np.int8)
+    cells[[0, -1]] = OCCUPIED
+    return OccupancyGrid(GridFrame(0.05, -1.0, -2.0, 80, 60), cells)
+
+
+def changing():
+    """One sub-map with two states, seen three times."""
+    frame = small_grid().frame.window(30, 20, 8, 6)
+    everywhere = np.ones((8, 6), dtype=bool)
+    submap = SubMap(0, frame, 30, 20, everywhere, everywhere, 0.12)
+    states = [np.full((8, 6), value, dtype=np.float32) for value in (0.0, 0.9)]
+    states[0][0, 0] = np.nan
+    patches = tuple(Patch(k, 2 - k, values) for k, values in enumerate(states))
+    visits = tuple(Visit(0, k, "a.mcap", k * 10**9, (k + 2) * 10**9, k % 2, 0.9) for k in range(3))
+    unsure = replace(visits[0], sequence=3, patch=None, membership=np.nan, remark="mixed")
+    return (submap,), (PatchSet(0, frame, everywhere, patches, 0.9),), (*visits, unsure)
+
+
+def write_run(folder, submaps=(), patch_sets=(), visits=(), settings=None):
+    log, labels = small_log(), np.ones((N_SCANS, BEARINGS.size), dtype=np.float32)
+    labels[:, 3] = 0.1
+    sections = {"scans": "ingest", "map": "map", "submaps": "segment", "patches": "cluster"}
+    config = Config()
+    defaults = {
+        "ingest": config.ingest,
+        "map": config.map,
+        "segment": config.segmentation,
+        "cluster": config.clustering,
+    }
+    for name, stage in sections.items():
+        (folder / name).mkdir(parents=True)
+        effective = {**defaults[stage].model_dump(mode="json"), **(settings or {}).get(stage, {})}
+        summary = {"lines": [f"{stage} said <this> & that", "warning: look here"]}
+        inputs = {"/somewhere/else/a.mcap": "ab" * 32} if stage == "ingest" else {}
+        write_manifest(folder / name, Manifest(stage, effective, inputs, {}, summary, 1.0, __version__))
+    write_scan_log(folder / "scans", log)
+    write_tum(folder / "map" / "trajectory.tum", Trajectory(log.stamps_ns, np.zeros((N_SCANS, 3))))
+    write_beams(folder / "map" / "beams.npz", log.stamps_ns, labels)
+    write_map(folder / "map", "map", small_grid())
+    header = "round,log_likelihood,dynamic_share,changed_labels,pose_shift_m\n"
+    (folder / "map" / "em.csv").write_text(f"{header}1,-12.5,0.1,1.0,\n2,-11.5,0.09,0.01,0.02\n")
+    write_submaps(folder / "submaps", submaps)
+    write_patches(folder / "patches" / "patches.zip", submaps, patch_sets, visits)
+
+
+def report(run_dir, out_dir):
+    out_dir.mkdir()
+    run(StageContext(run_dir, out_dir, Config(), (), 1, run_dir / "scans"))
+    return (out_dir / "report.html").read_text()
+
+
+def test_one_page_with_all_figures_and_nothing_to_load(tmp_path):
+    write_run(tmp_path / "run", *changing(), settings={"map": {"max_rounds": 5}})
+    page = report(tmp_path / "run", tmp_path / "out")
+    figures = sorted(path.name for path in (tmp_path / "out" / "figures").iterdir())
+    assert figures == ["map.png", "rounds.png", "submap_000.png", "visits.png"]
+    assert page.count("data:image/png;base64,") == len(figures)
+    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert "<script" not in page
+    assert "map said &lt;this&gt; &amp; that" in page
+    assert 'class="warning">warning: look here' in page
+    assert "5 (default 2)" in page
+    assert "/somewhere" not in page
+    assert "a.mcap" in page
+
+
+def test_the_same_bytes_in_another_place(tmp_path):
+    for place in ("here", "there"):
+        write_run(tmp_path / place, *changing())
+        report(tmp_path / place, tmp_path / f"out_{place}")
+    files = [path.relative_to(tmp_path / "out_here") for path in (tmp_path / "out_here").rglob("*.*")]
+    assert len(files) == 5
+    for name in files:
+        assert (tmp_path / "out_here" / name).read_bytes() == (tmp_path / "out_there" / name).read_bytes()
+
+
+def test_a_run_in_which_nothing_changed(tmp_path):
+    write_run(tmp_path / "run")
+    page = report(tmp_path / "run", tmp_path / "out")
+    assert "No area was seen in two states" in page
+    assert "all settings are the defaults" in page
+
+
+def test_an_area_whose_states_nobody_saw(tmp_path):
+    write_run(tmp_path / "run", changing()[0])
+    assert "submap_000" not in report(tmp_path / "run", tmp_path / "out")
+
+
+def test_a_stage_that_is_not_done_is_named(tmp_path):
+    write_run(tmp_path / "run")
+    (tmp_path / "run" / "map" / "map.manifest.json").unlink()
+    with pytest.raises(ArtifactError, match="stage 'map' is not done"):
+        report(tmp_path / "run", tmp_path / "out")
+
+
+def test_removed_end_points_are_where_the_beams_ended():
+    log = small_log()
+    labels = np.ones(log.ranges_m.shape, dtype=np.float32)
+    labels[4, 7] = 0.2
+    poses = np.zeros((N_SCANS, 3))
+    poses[4] = [1.0, 2.0, 0.5]
+    in_robot = np.array([0.2, 0.0]) + 2.0 * np.array([np.cos(BEARINGS[7] + 0.1), np.sin(BEARINGS[7] + 0.1)])
+    cos, sin = np.cos(0.5), np.sin(0.5)
+    expected = [1.0 + cos * in_robot[0] - sin * in_robot[1], 2.0 + sin * in_robot[0] + cos * in_robot[1]]
+    np.testing.assert_allclose(removed_end_points(log, poses, labels), [expected], atol=1e-6)
+
+
+def test_a_map_of_any_size_fits_on_a_page():
+    nothing = np.empty((0, 2))
+    for rows, cols in ((1, 1), (40, 3), (300, 5001), (2400, 10)):
+        grid = OccupancyGrid(
+            GridFrame(0.05, 0.0, 0.0, rows, cols), np.full((rows, cols), FREE, dtype=np.int8)
+        )
+        image = MapPicture(grid).draw(nothing, nothing, ())
+        assert isinstance(image, Image.Image)
+        assert max(image.size) <= 2400
+
+
+def test_a_removed_beam_is_orange_at_its_place():
+    grid = small_grid()
+    point = grid.frame.to_points(np.array([[40, 30]]))
+    image = np.asarray(MapPicture(grid).draw(point, np.empty((0, 2)), ()))
+    zoom = image.shape[0] // 80
+    row, col = (80 - 40) * zoom - zoom // 2, 30 * zoom + zoom // 2
+    assert (
+        np.abs(image[row - 3 : row + 4, col - 3 : col + 4].astype(int) - [240, 128, 16]).sum(axis=2) == 0
+    ).any()
