@@ -24,3 +24,11 @@ def real_data() -> Path:
 def sample_logs() -> Path:
     """Folder of the two simulated recordings that come with the project."""
     return PROJECT / "sample_logs"
+
+
+@pytest.fixture(scope="session")
+def corridor(sample_logs: Path, tmp_path_factory: pytest.TempPathFactory):
+    """The sample recordings through the whole chain, built once for all tests."""
+    from tests.golden.corridor import make_corridor
+
+    return make_corridor(sample_logs, tmp_path_factory.mktemp("corridor"), threads=2)
