@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.domain.poses import transform_points
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,3 +143,22 @@ def single_laser_log(
         recording_index=np.zeros(n_scans, dtype=np.int32),
         recordings=(recording,),
     )
+
+
+def end_points(log: ScanLog, poses: F64, chosen: B1) -> F64:
+    """(n, 2) end points, in the map frame, of the chosen beams, scan by scan.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot.
+    chosen : (n_scans, n_beams) bool
+        Beams that have an end point.
+    """
+    scan, beam = np.nonzero(chosen)
+    geometry = log.geometry_index[scan]
+    bearing = log.bearings_rad[geometry, beam]
+    ranges = np.asarray(log.ranges_m[scan, beam], dtype=np.float64)[:, None]
+    in_sensor = ranges * np.column_stack([np.cos(bearing), np.sin(bearing)])
+    return transform_points(poses[scan], transform_points(log.sensor_poses[geometry], in_sensor))

@@ -55,7 +55,7 @@ def plot_bars(path: Path, scores: Sequence[Score], names: Sequence[str], label: 
         axes.bar(places + shift, [score.values[name] for name in names], width, label=score.name)
     axes.set_xticks(places, [name.replace("_", "\n") for name in names])
     axes.set_ylabel(label)
-    axes.legend()
+    axes.legend(loc="lower right")
     _save(path, figure)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +19,6 @@ from dynmap_cli.evaluation.scores import Score, mean_or_nan, ratio
 from dynmap_cli.evaluation.states import (
     Configuration,
     LearnedStates,
-    configuration_at,
-    objects_in,
     patch_meanings,
 )
 from dynmap_cli.evaluation.truth import Truth, same_scans
@@ -255,19 +254,20 @@ def state_measures(
     """
     right = count = sure = sure_and_right = changes = 0
     delays_s: list[float] = []
-    by_name = {thing.name: number for number, thing in enumerate(truth.objects)}
     for submap in learned.submaps:
-        objects = objects_in(submap, learned.truth_from_map, map_truth)
+        reach = learned.reach[submap.submap_id]
         own = believed.get(submap.submap_id)
-        here = [by_name[map_truth.objects[k].name] for k in objects if map_truth.objects[k].name in by_name]
-        if not here or own is None:
+        if own is None or not any(thing.name in reach for thing in truth.objects):
             continue
-        meanings = patch_meanings(submap.submap_id, objects, learned.visits, map_truth)
-        is_right = _is_right(own, here, meanings, truth)
+        meanings = patch_meanings(submap.submap_id, reach, learned.visits, map_truth)
+        configurations = [
+            configuration_at(truth, scan, reach) for scan in range(truth.object_states.shape[0])
+        ]
+        is_right = _is_right(own, actual, meanings, truth.trajectory.stamps_ns)
         right, count = right + int(is_right.sum()), count + is_right.size
         is_sure = own.probability >= SURE
         sure, sure_and_right = sure + int(is_sure.sum()), sure_and_right + int((is_sure & is_right).sum())
-        found = _delays_s(own.stamps_ns, is_right, _change_stamps(truth, here))
+        found = _delays_s(own.stamps_ns, is_right, _change_stamps(actual, truth.trajectory.stamps_ns))
         changes += len(found)
         delays_s += [delay for delay in found if math.isfinite(delay)]
     return {
@@ -280,22 +280,27 @@ def state_measures(
     }
 
 
-def _is_right(own: Believed, objects: list[int], meanings: Mapping[int, Configuration], truth: Truth) -> B1:
+def _is_right(
+    own: Believed,
+    actual: Sequence[Configuration],
+    meanings: Mapping[int, Configuration],
+    stamps_ns: I64,
+) -> B1:
     """Whether each believed patch means what was there."""
-    scans = nearest_stamp(truth.trajectory.stamps_ns, own.stamps_ns)
+    scans = nearest_stamp(stamps_ns, own.stamps_ns)
     return np.array(
         [
-            scan >= 0 and meanings.get(patch) == configuration_at(truth, scan, objects)
+            scan >= 0 and meanings.get(patch) == actual[scan]
             for scan, patch in zip(scans.tolist(), own.patches.tolist(), strict=True)
         ],
         dtype=bool,
     )
 
 
-def _change_stamps(truth: Truth, objects: list[int]) -> I64:
-    """Stamps of the scans at which one of the objects is in another state than at the scan before."""
-    states = truth.object_states[:, objects]
-    return np.asarray(truth.trajectory.stamps_ns[1:][(states[1:] != states[:-1]).any(axis=1)])
+def _change_stamps(actual: Sequence[Configuration], stamps_ns: I64) -> I64:
+    """Stamps of the scans at which the configuration is another than at the scan before."""
+    changed = [now != before for before, now in itertools.pairwise(actual)]
+    return np.asarray(stamps_ns[1:][np.array(changed, dtype=bool)])
 
 
 def _delays_s(stamps_ns: I64, is_right: B1, changes_ns: I64) -> list[float]:

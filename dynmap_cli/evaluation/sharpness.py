@@ -8,11 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I32
-from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans, rays_of
+from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, surface_cells
 from dynmap_cli.domain.grid import FREE, GridFrame, frame_around
-from dynmap_cli.domain.poses import transform_points
-from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.scans import ScanLog, end_points
 from dynmap_cli.evaluation.scores import Score, mean_or_nan, ratio
 from dynmap_cli.evaluation.truth import Run
 
@@ -24,16 +23,6 @@ _LEAST_POINTS, _LEAST_SIGMA_M, _PRIOR_HITS, _PRIOR_PASSES = 6, 0.001, 0.1, 0.1
 _LOOKED_THROUGH = EvidenceParams(occupied_share=0.5, occupied_hits=1.0, free_share=0.5, free_cells=3.0)
 """An end point is looked through where beams crossed its surroundings for three cells and more than they hit."""
 _WINDOW_SCANS = 1024
-
-
-def end_points(log: ScanLog, poses: F64, chosen: B1) -> F64:
-    """(n, 2) end points in the map frame of the chosen beams (n_scans, n_beams)."""
-    rays = rays_of(log, math.inf)
-    scan, beam = np.nonzero(chosen)
-    geometry = log.geometry_index[scan]
-    ranges = np.asarray(log.ranges_m[scan, beam], dtype=np.float64)[:, None]
-    in_robot = rays.sensor_poses[geometry, :2] + ranges * rays.directions[geometry, beam]
-    return np.asarray(transform_points(poses[scan], in_robot), dtype=np.float64)
 
 
 def line_sigmas_m(points: F64) -> F64:

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from scipy import ndimage
 
-from dynmap_cli.arrays import F64, I64
+from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.domain.patches import Visit
-from dynmap_cli.domain.poses import Trajectory, transform_points
+from dynmap_cli.domain.poses import Trajectory
+from dynmap_cli.domain.scans import end_points
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.evaluation.scores import Score, ratio
-from dynmap_cli.evaluation.truth import Truth, read_run, truth_from_map
+from dynmap_cli.evaluation.truth import Run, Truth, read_run, same_scans, truth_from_map
 from dynmap_cli.files.patch_archive import read_visits
 from dynmap_cli.files.submaps import read_submaps
 
 Configuration: TypeAlias = tuple[tuple[str, str], ...]
-"""(object, state) of each object in a sub-map."""
-_MARGIN_M, _LEAST_CELLS = 0.1, 6
+"""(object, state) of each object in a sub-map; a state that does not reach into the sub-map is "elsewhere"."""
+Reach: TypeAlias = Mapping[str, frozenset[str]]
+"""Objects that reach into a sub-map, each with the states in which it does."""
+ELSEWHERE = "elsewhere"
+_LEAST_HITS, _LEAST_CELLS = 3, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,65 +39,94 @@ class LearnedStates:
     submaps : tuple of SubMap
     visits : tuple of Visit
     truth_from_map : (3,) float64
+    reach : dict of int to Reach
+        By sub-map.
     """
 
     submaps: tuple[SubMap, ...]
     visits: tuple[Visit, ...]
     truth_from_map: F64
+    reach: Mapping[int, Reach]
 
 
 def read_learned_states(run_dir: Path, truth: Truth) -> LearnedStates:
     """Read sub-maps and visits of a run, and find how its map lies in the frame of the truth."""
     run = read_run(run_dir)
+    submaps = read_submaps(run_dir / "submaps")
     return LearnedStates(
-        read_submaps(run_dir / "submaps"),
+        submaps,
         read_visits(run_dir / "patches" / "patches.zip"),
         truth_from_map(Trajectory(run.log.stamps_ns, run.poses), truth),
+        reach_of_objects(run, truth, submaps),
     )
 
 
-def objects_in(submap: SubMap, truth_from_map_pose: F64, truth: Truth) -> tuple[int, ...]:
-    """Numbers of the objects on which contested cells of a sub-map lie.
+def reach_of_objects(run: Run, truth: Truth, submaps: Sequence[SubMap]) -> dict[int, Reach]:
+    """Find which objects reach into which sub-maps, and in which states.
 
-    Six cells are asked for, the least that a region has, or all where there are fewer.
+    An object does if beams that truly hit it end in three contested cells or more (or beside them), three times in
+    each. So a cupboard with four places, two of them in a sub-map, has three states there: two, and elsewhere.
     """
-    cells = np.argwhere(submap.contested)
-    points = transform_points(truth_from_map_pose, submap.frame.to_points(cells))
-    least = min(_LEAST_CELLS, cells.shape[0])
+    mine, theirs = same_scans(run.log.stamps_ns, truth)
+    log, classes = run.log.select(mine), truth.beam_class[theirs]
+    hit = (classes >= truth.first_object) & np.isfinite(log.ranges_m)
+    points = end_points(log, run.poses[mine], hit)
+    scan = np.nonzero(hit)[0]
+    objects = classes[hit] - truth.first_object
+    states = truth.object_states[theirs[scan], objects]
+    return {submap.submap_id: _reach(submap, points, objects, states, truth) for submap in submaps}
+
+
+def _reach(submap: SubMap, points: F64, objects: I32, states: I32, truth: Truth) -> Reach:
+    """Objects and states whose hits lie on the contested cells of one sub-map."""
+    contested = ndimage.binary_dilation(submap.contested, np.ones((3, 3), dtype=bool))
+    row, col = submap.frame.to_cells(points).T
+    inside = (row >= 0) & (row < submap.frame.rows) & (col >= 0) & (col < submap.frame.cols)
+    inside[inside] = contested[row[inside], col[inside]]
+    keys = np.column_stack([objects[inside], states[inside], row[inside], col[inside]])
+    cells, hits = np.unique(keys, axis=0, return_counts=True)
+    found, n_cells = np.unique(cells[hits >= _LEAST_HITS, :2], axis=0, return_counts=True)
+    reach: dict[str, frozenset[str]] = {}
+    for number, state in found[n_cells >= _LEAST_CELLS].tolist():
+        thing = truth.objects[number]
+        reach[thing.name] = reach.get(thing.name, frozenset()) | {thing.states[state]}
+    return reach
+
+
+def configurations(truth: Truth, reach: Reach, scans: slice = slice(None)) -> list[Configuration]:
+    """States, scan by scan, of the objects that reach into a sub-map."""
+    rows, which = np.unique(truth.object_states[scans], axis=0, return_inverse=True)
+    distinct = [_configuration(row.tolist(), truth, reach) for row in rows]
+    return [distinct[number] for number in which.ravel().tolist()]
+
+
+def _configuration(states: Sequence[int], truth: Truth, reach: Reach) -> Configuration:
+    """Name the states of those objects that reach into a sub-map."""
     found = []
-    for number, thing in enumerate(truth.objects):
-        low, high = thing.bounds_m[:2] - _MARGIN_M, thing.bounds_m[2:] + _MARGIN_M
-        if int(((points >= low) & (points <= high)).all(axis=1).sum()) >= least:
-            found.append(number)
+    for thing, number in zip(truth.objects, states, strict=True):
+        if thing.name in reach:
+            state = thing.states[number]
+            found.append((thing.name, state if state in reach[thing.name] else ELSEWHERE))
     return tuple(found)
 
 
-def configuration_at(truth: Truth, scan: int, objects: Sequence[int]) -> Configuration:
-    """States of some objects at one scan."""
-    return tuple(
-        (truth.objects[number].name, truth.objects[number].states[truth.object_states[scan, number]])
-        for number in objects
-    )
-
-
-def true_configuration(visit: Visit, objects: Sequence[int], truth: Truth) -> Configuration | None:
+def true_configuration(visit: Visit, reach: Reach, truth: Truth) -> Configuration | None:
     """What was there during a visit; None where it changed, or the truth is about other times."""
     stamps = truth.trajectory.stamps_ns
-    scans = np.flatnonzero((stamps >= visit.start_ns) & (stamps <= visit.end_ns))
-    if scans.size == 0:
-        return None
-    states = truth.object_states[scans][:, list(objects)]
-    return configuration_at(truth, int(scans[0]), objects) if (states == states[0]).all() else None
+    first = int(np.searchsorted(stamps, visit.start_ns))
+    end = int(np.searchsorted(stamps, visit.end_ns, side="right"))
+    found = set(configurations(truth, reach, slice(first, end)))
+    return found.pop() if len(found) == 1 else None
 
 
 def patch_meanings(
-    submap_id: int, objects: Sequence[int], visits: Sequence[Visit], truth: Truth
+    submap_id: int, reach: Reach, visits: Sequence[Visit], truth: Truth
 ) -> dict[int, Configuration]:
     """For each patch, the configuration that was there in most of the visits assigned to it."""
     counts: dict[int, Counter[Configuration]] = {}
     for visit in visits:
         if visit.submap_id == submap_id and visit.patch is not None:
-            found = true_configuration(visit, objects, truth)
+            found = true_configuration(visit, reach, truth)
             if found is not None:
                 counts.setdefault(visit.patch, Counter())[found] += 1
     return {patch: counter.most_common(1)[0][0] for patch, counter in counts.items()}
@@ -137,16 +171,16 @@ def score_states(name: str, learned: LearnedStates, truth: Truth) -> Score:
     weights = np.array([row["in_index"] for row in real], dtype=np.float64)
     indices = np.array([row["rand_index"] for row in real], dtype=np.float64)
     counted = weights > 0
-    changed = [
-        number for number in range(len(truth.objects)) if np.unique(truth.object_states[:, number]).size > 1
-    ]
-    found = {
-        number for submap in learned.submaps for number in objects_in(submap, learned.truth_from_map, truth)
+    changed = {
+        thing.name
+        for number, thing in enumerate(truth.objects)
+        if np.unique(truth.object_states[:, number]).size > 1
     }
+    found = {name for reach in learned.reach.values() for name in reach}
     visits = sum(row["visits"] for row in real)
     values = {
         "objects_that_changed": float(len(changed)),
-        "objects_found_share": ratio(len(found & set(changed)), len(changed)),
+        "objects_found_share": ratio(len(found & changed), len(changed)),
         "submaps": float(len(rows)),
         "submaps_without_object": float(len(rows) - len(real)),
         "adjusted_rand_index": float((weights * indices)[counted].sum() / weights.sum())
@@ -175,13 +209,13 @@ def _in_time(visit: Visit, truth: Truth) -> bool:
 
 def _submap_row(submap: SubMap, learned: LearnedStates, truth: Truth) -> dict[str, Any]:
     """Count what one sub-map found."""
-    objects = objects_in(submap, learned.truth_from_map, truth)
+    reach = learned.reach[submap.submap_id]
     own = [visit for visit in learned.visits if visit.submap_id == submap.submap_id]
-    pairs = [(visit.patch, true_configuration(visit, objects, truth)) for visit in own]
+    pairs = [(visit.patch, true_configuration(visit, reach, truth)) for visit in own]
     both = [(patch, found) for patch, found in pairs if patch is not None and found is not None]
     return {
         "submap": submap.submap_id,
-        "objects": [truth.objects[number].name for number in objects],
+        "objects": list(reach),
         "visits": len(own),
         "assigned": sum(patch is not None for patch, _ in pairs),
         "changed_meanwhile": sum(found is None for _, found in pairs),

@@ -33,14 +33,11 @@ class TrueObject:
     beam_class : int
         Class of the beams that end on it.
     states : tuple of str
-    bounds_m : (4,) float64
-        Bounding box of all its states in the frame of the truth: lowest x, y, highest x, y.
     """
 
     name: str
     beam_class: int
     states: tuple[str, ...]
-    bounds_m: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +98,7 @@ def read_truth(folder: Path) -> Truth:
     try:
         content = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
         objects = tuple(
-            TrueObject(
-                str(entry["name"]), int(entry["class"]), tuple(entry["states"]), np.array(entry["bounds_m"])
-            )
+            TrueObject(str(entry["name"]), int(entry["class"]), tuple(entry["states"]))
             for entry in content["objects"]
         )
         with np.load(folder / "beams.npz", allow_pickle=False) as archive:

@@ -11,8 +11,6 @@ from PIL import Image, ImageDraw, ImageFont
 from dynmap_cli.arrays import F32, F64, I8, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
-from dynmap_cli.domain.poses import transform_points
-from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 
 _WALL, _FREE, _UNKNOWN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
@@ -20,16 +18,6 @@ _MOVED, _PATH, _SUBMAP, _CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
 _FULL_REFLECTANCE = 0.5
-
-
-def removed_end_points(log: ScanLog, poses: F64, static_probability: F32) -> F64:
-    """(n, 2) end points, in the map frame, of the beams that are called dynamic (e < 1/2)."""
-    scan, beam = np.nonzero(static_probability < 0.5)
-    geometry = log.geometry_index[scan]
-    bearing = log.bearings_rad[geometry, beam]
-    ranges = np.asarray(log.ranges_m[scan, beam], dtype=np.float64)[:, None]
-    in_sensor = ranges * np.column_stack([np.cos(bearing), np.sin(bearing)])
-    return transform_points(poses[scan], transform_points(log.sensor_poses[geometry], in_sensor))
 
 
 class MapPicture:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynmap_cli.domain.patches import PatchSet, Visit
+from dynmap_cli.domain.scans import end_points
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.counting_map import read_beams
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from dynmap_cli.config import Config
     from dynmap_cli.report.curves import RoundRow
 
+DYNAMIC_BELOW = 0.5
+"""A beam with a smaller e hit something that moves."""
 _STAGES = (
     ("ingest", "scans", "ingest", "Recordings"),
     ("map", "map", "map", "Path, map and moving beams"),
@@ -98,11 +101,12 @@ def _settings_section(config: Config, manifests: Mapping[str, Manifest]) -> Sect
 
 def _map_picture(context: StageContext, submaps: Sequence[SubMap]) -> Picture:
     """The map with path, removed beams and sub-maps."""
-    from dynmap_cli.report.pictures import MapPicture, removed_end_points
+    from dynmap_cli.report.pictures import MapPicture
 
     folder = context.run_dir / "map"
     poses = read_tum(folder / "trajectory.tum").poses
-    removed = removed_end_points(read_scan_log(context.scans_dir), poses, read_beams(folder / "beams.npz"))
+    is_removed = read_beams(folder / "beams.npz") < DYNAMIC_BELOW
+    removed = end_points(read_scan_log(context.scans_dir), poses, is_removed)
     grid, _ = read_map(folder / "map.yaml")
     caption = (
         "Black: walls. White: free. Grey: never seen. Blue: the path. "

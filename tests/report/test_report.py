@@ -12,7 +12,7 @@ from dynmap_cli.config import Config
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.domain.scans import end_points, single_laser_log
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.counting_map import write_beams
@@ -22,7 +22,7 @@ from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import write_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import write_tum
-from dynmap_cli.report.pictures import MapPicture, removed_end_points
+from dynmap_cli.report.pictures import MapPicture
 from dynmap_cli.report.stage import run
 from dynmap_cli.stage import StageContext
 
@@ -131,16 +131,16 @@ def test_a_stage_that_is_not_done_is_named(tmp_path):
         report(tmp_path / "run", tmp_path / "out")
 
 
-def test_removed_end_points_are_where_the_beams_ended():
+def test_end_points_are_where_the_beams_ended():
     log = small_log()
-    labels = np.ones(log.ranges_m.shape, dtype=np.float32)
-    labels[4, 7] = 0.2
+    chosen = np.zeros(log.ranges_m.shape, dtype=bool)
+    chosen[4, 7] = True
     poses = np.zeros((N_SCANS, 3))
     poses[4] = [1.0, 2.0, 0.5]
     in_robot = np.array([0.2, 0.0]) + 2.0 * np.array([np.cos(BEARINGS[7] + 0.1), np.sin(BEARINGS[7] + 0.1)])
     cos, sin = np.cos(0.5), np.sin(0.5)
     expected = [1.0 + cos * in_robot[0] - sin * in_robot[1], 2.0 + sin * in_robot[0] + cos * in_robot[1]]
-    np.testing.assert_allclose(removed_end_points(log, poses, labels), [expected], atol=1e-6)
+    np.testing.assert_allclose(end_points(log, poses, chosen), [expected], atol=1e-6)
 
 
 def test_a_map_of_any_size_fits_on_a_page():
