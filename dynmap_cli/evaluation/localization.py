@@ -19,6 +19,7 @@ from dynmap_cli.evaluation.scores import Score, mean_or_nan, ratio
 from dynmap_cli.evaluation.states import (
     Configuration,
     LearnedStates,
+    configurations,
     patch_meanings,
 )
 from dynmap_cli.evaluation.truth import Truth, same_scans
@@ -260,9 +261,7 @@ def state_measures(
         if own is None or not any(thing.name in reach for thing in truth.objects):
             continue
         meanings = patch_meanings(submap.submap_id, reach, learned.visits, map_truth)
-        configurations = [
-            configuration_at(truth, scan, reach) for scan in range(truth.object_states.shape[0])
-        ]
+        actual = configurations(truth, reach)
         is_right = _is_right(own, actual, meanings, truth.trajectory.stamps_ns)
         right, count = right + int(is_right.sum()), count + is_right.size
         is_sure = own.probability >= SURE
