@@ -24,10 +24,16 @@ VERBS = (
     "warmup",
 )
 
-EPILOG = (
-    "Exit codes: 0 done, 1 internal error (a bug, with traceback), 2 usage, 3 settings or scenario, "
-    "4 recording, 5 files between stages or output, 130 interrupted."
-)
+EPILOG = """\b
+Exit codes:
+    0  done
+    1  internal error: a bug, with its traceback
+    2  usage
+    3  settings or scenario
+    4  recording
+    5  files between stages, or an output that cannot be written
+  130  interrupted
+"""
 
 
 class DynmapGroup(click.Group):

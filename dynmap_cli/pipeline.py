@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ def build(
     with writing(run_dir):
         for number, stage in enumerate(STAGES):
             results.append(run_stage(stage, context, force=number >= forced))
-            write_run_yaml(run_dir, config)
+            _note_run(results[-1], run_dir, config)
     return results
 
 
@@ -108,7 +109,7 @@ def run_one(
         raise ArtifactError(msg)
     with writing(run_dir):
         result = run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=force)
-        write_run_yaml(run_dir, config)
+        _note_run(result, run_dir, config)
     return result
 
 
@@ -181,11 +182,14 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
     return StageResult(stage.name, ran=True, manifest=manifest, folder=folder)
 
 
+def _note_run(result: StageResult, run_dir: Path, config: Config) -> None:
+    """Keep run.yaml in step with what was run."""
+    if result.ran or not (run_dir / "run.yaml").is_file():
+        write_run_yaml(run_dir, config)
+
+
 def write_run_yaml(run_dir: Path, config: Config) -> None:
     """Write the inputs of a run, the versions, and the settings: of finished stages those they were run with."""
-    import numba
-    import numpy as np
-
     settings = config.model_dump(mode="json")
     recordings: dict[str, str] = {}
     for stage in STAGES:
@@ -197,8 +201,7 @@ def write_run_yaml(run_dir: Path, config: Config) -> None:
     content = {
         "dynmap": __version__,
         "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
+        **{name: version(name) for name in ("numpy", "scipy", "numba")},
         "recordings": recordings,
         "settings": settings,
     }

@@ -1,0 +1,246 @@
+"""Bad input: one clear line, the right exit code, and every earlier result as it was."""
+
+import json
+import shutil
+
+import pytest
+
+from tests.cli.conftest import run_dynmap
+
+SETTINGS, RECORDING, FILES = 3, 4, 5
+
+
+@pytest.fixture
+def refused(small, unharmed):
+    """Run a command that has to fail with one line; returns that line."""
+
+    def check(code, *words):
+        before = unharmed(small.run_dir)
+        result = run_dynmap(*words)
+        assert result.exit_code == code, result.output
+        assert result.stdout == ""
+        lines = [line for line in result.stderr.splitlines() if line.startswith("dynmap: ")]
+        assert len(lines) == 1
+        assert result.stderr.splitlines()[-1] == lines[0]
+        assert "Traceback" not in result.stderr
+        assert unharmed(small.run_dir) == before
+        return lines[0]
+
+    return check
+
+
+def test_a_missing_recording(refused, small, tmp_path):
+    for out in (small.run_dir, tmp_path / "new"):
+        line = refused(RECORDING, "build", tmp_path / "gone.bag", "-o", out, "-q")
+        assert "gone.bag: no such file" in line
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("verb", [("build",), ("ingest",)])
+def test_an_empty_recording(refused, small, tmp_path, verb):
+    empty = tmp_path / "empty.mcap"
+    empty.touch()
+    assert "empty.mcap" in refused(RECORDING, *verb, empty, "-o", small.run_dir, "-q")
+
+
+def test_a_folder_without_recordings(refused, small, tmp_path):
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "notes.txt").write_text("nothing here\n")
+    assert "logs" in refused(RECORDING, "build", tmp_path / "logs", "-o", small.run_dir, "-q")
+
+
+@pytest.mark.real
+def test_a_bag_of_2008(refused, small, real_data):
+    bag = real_data / "broken" / "rosrecord_v1.2.bag"
+    assert "rosrecord_v1.2.bag" in refused(RECORDING, "build", bag, "-o", small.run_dir, "-q")
+
+
+def test_a_recording_without_a_laser(refused, small, tmp_path):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    text = store.types["std_msgs/msg/String"]
+    with Writer(tmp_path / "talk.bag") as writer:
+        connection = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
+        writer.write(connection, 1, store.serialize_ros1(text(data="hello"), "std_msgs/msg/String"))
+    line = refused(RECORDING, "build", tmp_path / "talk.bag", "-o", small.run_dir, "-q")
+    assert "talk.bag" in line
+    assert "laser" in line.lower()
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_a_truncated_recording(refused, small, tmp_path, kind):
+    whole = tmp_path / f"whole.{kind}"
+    scenario = small.recording.parent / "room.yaml"
+    assert run_dynmap("simulate", scenario, "-o", whole, "-q").exit_code == 0
+    short = tmp_path / f"short.{kind}"
+    short.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 5])
+    assert f"short.{kind}" in refused(RECORDING, "build", short, "-o", small.run_dir, "-q")
+
+
+def test_an_unknown_setting_names_the_nearest(refused, small, tmp_path):
+    settings = tmp_path / "robot.yaml"
+    settings.write_text("map:\n  resolution: 0.1\n")
+    for words in (("--config", settings), ("--set", "map.resolution=0.1")):
+        line = refused(SETTINGS, "map", small.run_dir, *words, "-q")
+        assert "did you mean 'resolution_m'?" in line
+
+
+@pytest.mark.parametrize(
+    "setting", ["map.static_prior=0.4", "map.resolution_m=wide", "seed=-1", "map.resolution_m=[1", "nonsense"]
+)
+def test_a_setting_that_is_not_allowed(refused, small, setting):
+    refused(SETTINGS, "map", small.run_dir, "--set", setting, "-q")
+
+
+def test_a_settings_file_that_is_not_there_or_not_settings(refused, small, tmp_path):
+    refused(SETTINGS, "map", small.run_dir, "--config", tmp_path / "gone.yaml", "-q")
+    for content in ("- a list\n", "map: 3\n", "map: {resolution_m: [}\n"):
+        (tmp_path / "bad.yaml").write_text(content)
+        assert "bad.yaml" in refused(SETTINGS, "map", small.run_dir, "--config", tmp_path / "bad.yaml", "-q")
+
+
+@pytest.mark.parametrize("verb", ["build", "map", "segment", "cluster", "localize"])
+def test_a_run_of_another_format_version(refused, small, tmp_path, verb):
+    for path in small.run_dir.rglob("*.manifest.json"):
+        path.write_text(json.dumps({**json.loads(path.read_text()), "format_version": 99}))
+    line = refused(FILES, *words_of(verb, small, tmp_path))
+    assert "version 99" in line
+    assert "version 1" in line
+
+
+@pytest.mark.parametrize("verb", ["build", "ingest"])
+def test_an_output_that_cannot_be_written(refused, small, tmp_path, verb):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    for out in (tmp_path / "taken", tmp_path / "taken" / "run"):
+        assert "taken" in refused(FILES, verb, small.recording, "-o", out, "-q")
+    assert (tmp_path / "taken").read_text() == "a file, not a folder"
+
+
+def test_an_output_of_localize_that_cannot_be_written(refused, small, tmp_path):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    refused(FILES, "localize", small.run_dir, small.recording, "-o", tmp_path / "taken" / "out", "-q")
+    refused(
+        FILES, "simulate", small.recording.parent / "room.yaml", "-o", tmp_path / "taken" / "x.mcap", "-q"
+    )
+
+
+def test_a_stage_folder_that_cannot_be_written(refused, small):
+    shutil.rmtree(small.run_dir / "submaps")
+    (small.run_dir / "submaps").write_text("a file, not a folder")
+    assert "submaps" in refused(FILES, "segment", small.run_dir, "-q")
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"format_version": 1}', "\x00\xff"])
+def test_a_damaged_manifest(refused, small, content):
+    (small.run_dir / "map" / "map.manifest.json").write_text(content, encoding="latin-1")
+    assert "map.manifest.json" in refused(FILES, "segment", small.run_dir, "-q")
+    refused(FILES, "build", small.recording, "-o", small.run_dir, "-q")
+
+
+@pytest.mark.parametrize(
+    "name, verb",
+    [
+        ("scans/ranges_m.npy", "map"),
+        ("scans/stamps_ns.npy", "segment"),
+        ("map/reflectance.npz", "segment"),
+        ("map/trajectory.tum", "cluster"),
+        ("submaps/submaps.yaml", "cluster"),
+        ("patches/patches.zip", "localize"),
+        ("map/map.pgm", "localize"),
+    ],
+)
+def test_a_damaged_file_between_stages(refused, small, tmp_path, name, verb):
+    path = small.run_dir / name
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 0xFF
+    for content in (b"", whole[: len(whole) // 2], bytes(flipped)):
+        path.write_bytes(content)
+        line = refused(FILES, *words_of(verb, small, tmp_path), "--force")
+        assert path.name in line
+        assert "again with --force" in line
+    path.unlink()
+    assert path.name in refused(FILES, *words_of(verb, small, tmp_path))
+
+
+def test_build_makes_damaged_files_again(small, unharmed):
+    before = unharmed(small.run_dir)
+    (small.run_dir / "scans" / "ranges_m.npy").write_bytes(b"")
+    (small.run_dir / "map" / "map.pgm").unlink()
+    result = run_dynmap("build", small.recording, "-o", small.run_dir, "-q")
+    assert result.exit_code == 0
+    after = unharmed(small.run_dir)
+    assert [name for name in before if before[name] != after[name] and "manifest" not in name] == []
+
+
+def test_a_run_that_is_not_there(refused, small, tmp_path):
+    for verb in ("map", "segment", "cluster", "localize"):
+        assert "no such run" in refused(FILES, *words_of(verb, small, tmp_path, run_dir=tmp_path / "gone"))
+    assert not (tmp_path / "gone").exists()
+
+
+def test_a_run_without_scans(refused, small, tmp_path):
+    (tmp_path / "empty").mkdir()
+    for verb in ("map", "segment", "cluster"):
+        assert "'ingest' is not done" in refused(FILES, verb, tmp_path / "empty", "-q")
+    assert "is not done" in refused(FILES, "localize", tmp_path / "empty", small.recording, "-q")
+
+
+def test_stages_whose_input_is_of_other_scans(refused, small, tmp_path):
+    other, scenario = tmp_path / "other.mcap", small.recording.parent / "room.yaml"
+    for words in (("simulate", scenario, "-o", other, "--seed", 4), ("ingest", other, "-o", small.run_dir)):
+        assert run_dynmap(*words, "-q").exit_code == 0
+    for verb in ("segment", "cluster", "localize"):
+        line = refused(FILES, *words_of(verb, small, tmp_path))
+        assert "map: made from another scans/" in line
+
+
+def test_patches_of_another_map(refused, small, tmp_path):
+    assert run_dynmap("map", small.run_dir, "--set", "map.resolution_m=0.1", "-q").exit_code == 0
+    line = refused(FILES, *words_of("localize", small, tmp_path))
+    assert "made from another map/" in line
+
+
+def test_localizing_never_replaces_the_scans_of_a_run(refused, small):
+    line = refused(FILES, "localize", small.run_dir, small.recording, "-o", small.run_dir, "-q")
+    assert "is a run directory" in line
+
+
+def test_maps_that_are_no_maps(refused, small, tmp_path):
+    words = ("localize", small.recording, "-o", tmp_path / "out", "-q", "--map")
+    assert "gone.yaml" in refused(FILES, *words, tmp_path / "gone.yaml")
+    lost = tmp_path / "lost.yaml"
+    lost.write_text("image: lost.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    assert "lost.pgm" in refused(FILES, *words, lost)
+    (tmp_path / "lost.pgm").write_bytes(b"P5 nonsense")
+    assert "lost.pgm" in refused(FILES, *words, lost)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("build",),
+        ("build", "x.bag"),
+        ("localize", "run"),
+        ("nonsense",),
+        ("map", "run", "--threads", "many"),
+        ("build", "x.bag", "-o", "run", "--from", "nowhere"),
+        ("build", "x.bag", "-o", "run", "--laser-pose", "1,2"),
+    ],
+)
+def test_usage_is_exit_code_2(words):
+    result = run_dynmap(*words)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Error: " in result.stderr
+
+
+def words_of(verb, small, tmp_path, run_dir=None):
+    """A call of a verb with all that it needs."""
+    run_dir = run_dir or small.run_dir
+    return {
+        "build": ("build", small.recording, "-o", run_dir, "-q"),
+        "localize": ("localize", run_dir, small.recording, "-o", tmp_path / "out", "-q"),
+    }.get(verb, (verb, run_dir, "-q"))
