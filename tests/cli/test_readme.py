@@ -1,0 +1,44 @@
+"""What the README shows works."""
+
+import re
+from pathlib import Path
+
+PROJECT = Path(__file__).parents[2]
+README = (PROJECT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_python_in_the_readme_reads_the_patches(corridor, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    names: dict[str, object] = {}
+    exec(code.replace("runs/site", str(corridor.run_dir)), names)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert len(names["visits"]) == 12
+
+
+def test_every_file_of_a_run_is_in_the_table(corridor):
+    for folder in (corridor.run_dir, corridor.out_dir):
+        for path in folder.rglob("*"):
+            name = path.name
+            if path.is_dir() or name.endswith((".manifest.json", ".npy")) or name == ".lock":
+                continue
+            known = re.sub(r"_\d+", "_NNN", name)
+            assert known in README or path.parent.name in ("figures", "scans"), name
+
+
+def test_columns_and_exit_codes_are_as_documented():
+    from dynmap_cli.errors import ArtifactError, ConfigError, LogError
+    from dynmap_cli.files.manifest import FORMAT_VERSION
+    from dynmap_cli.localization.stage import HEALTH_HEADER, STATES_HEADER
+
+    assert f"`{STATES_HEADER}`" in README
+    assert f"`{HEALTH_HEADER}`" in README
+    assert f"**format version {FORMAT_VERSION}**" in README
+    for kind, word in ((ConfigError, "setting"), (LogError, "recording"), (ArtifactError, "between stages")):
+        assert re.search(rf"^\| {kind.exit_code} \| [^|]*{word}", README, re.MULTILINE)
+
+
+def test_links_lead_somewhere():
+    links = re.findall(r"\]\(([^)#:]+)\)", README)
+    assert links
+    assert [link for link in links if not (PROJECT / link).exists()] == []
