@@ -442,3 +442,64 @@ def judge_fit(
     out[MATCHED] = matched / total
     out[SEEN] = (matched + free) / total
     out[IN_FREE] = free / total
+
+
+@kernel
+def fit_scans(
+    ranges_m: F32,
+    weights: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    scans: I64,
+    spacing_m: float,
+    drawn_points: F32,
+    drawn_normals: F32,
+    drawn_free: U8,
+    index: I32,
+    field: U8,
+    poses: F64,
+    information: F64,
+    judged: F64,
+) -> None:
+    """Fit single scans on the drawn map, each from a start within a few centimetres.
+
+    Parameters
+    ----------
+    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, spacing_m
+        As for `collect_local_map`; beams with e < 1/2 are left out.
+    scans : (k,) int64
+    drawn_points, drawn_normals, drawn_free, index, field
+        The drawn map.
+    poses : (k, 3) float64
+        drawn_from_robot; refined in place.
+    information : (k, 3, 3) float64
+        Filled, see `refine_local_map`.
+    judged : (k, 4) float64
+        Filled with the entries MATCHED, SEEN, IN_FREE and RESIDUAL.
+    """
+    n_beams = ranges_m.shape[1]
+    end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
+    points = np.empty((n_beams, 2), np.float32)
+    for s in range(scans.size):
+        scan = scans[s]
+        geometry = geometry_index[scan]
+        n = thin_points(
+            ranges_m[scan],
+            directions[geometry],
+            sensor_poses[geometry],
+            usable_m[geometry],
+            spacing_m,
+            end_points,
+            beams,
+        )
+        count = 0
+        for k in range(n):
+            if not weights[scan, beams[k]] < 0.5:
+                points[count, 0], points[count, 1] = end_points[k, 0], end_points[k, 1]
+                count += 1
+        judged[s, RESIDUAL] = refine_local_map(
+            points, count, drawn_points, drawn_normals, index, field, poses[s], information[s], 1, 1
+        )
+        judge_fit(points, count, drawn_points, drawn_normals, drawn_free, index, poses[s], 1, judged[s])

@@ -18,6 +18,8 @@ ONE = 1 << 20
 """Fixed-point value of one hit."""
 NORMAL_RADIUS = 3
 FIELD_RADIUS = 2
+HIT = 255
+"""Score of a cell in which something was hit; its neighbours have less."""
 
 
 @kernel
@@ -78,11 +80,12 @@ def _refresh_field(sums: I64, field: U8, row: int, col: int) -> None:
 
 @kernel
 def _refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
-    """Set the normal of the line through the centroids around a cell; (0, 0) where there is no line."""
-    lines[row, col, 0] = 0.0
-    lines[row, col, 1] = 0.0
+    """Set a cell's centroid and the normal of the line through those around it; (0, 0) where there is no line."""
+    lines[row, col, :] = 0.0
     if sums[row, col, 0] <= 0:
         return
+    lines[row, col, 0] = float(sums[row, col, 1]) / sums[row, col, 0]
+    lines[row, col, 1] = float(sums[row, col, 2]) / sums[row, col, 0]
     total = sx = sy = sxx = sxy = syy = 0.0
     cells = 0
     for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
@@ -108,8 +111,8 @@ def _refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
     if mean - half > 0.25 * (mean + half) or mean + half < 0.3:
         return
     angle = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
-    lines[row, col, 0] = -math.sin(angle)
-    lines[row, col, 1] = math.cos(angle)
+    lines[row, col, 2] = -math.sin(angle)
+    lines[row, col, 3] = math.cos(angle)
 
 
 @kernel
@@ -139,8 +142,8 @@ def insert_points(
     cell_m : float
     sums : (SIZE, SIZE, 3) int64
         Hits and sums of the offsets within the cell, fixed point.
-    lines : (SIZE, SIZE, 2) float32
-        Normal of the line through each cell's surroundings.
+    lines : (SIZE, SIZE, 4) float32
+        Hit centroid of each cell, as offset within it, and normal of the line through its surroundings.
     field : (SIZE, SIZE) uint8
         Score for the correlative search.
     """
@@ -176,8 +179,8 @@ def point_to_line(
     radius_cells: int,
     sigma_m: float,
     cell_m: float,
-    sums: I64,
     lines: F32,
+    field: U8,
     normal_matrix: F64,
     gradient: F64,
 ) -> float:
@@ -193,7 +196,7 @@ def point_to_line(
     pose : (3,) float64
     radius_cells : int
     sigma_m, cell_m : float
-    sums, lines
+    lines, field
         The local map.
     normal_matrix : (3, 3) float64
         J^T W J, in 1 / m^2, 1 / m and 1.
@@ -223,17 +226,16 @@ def point_to_line(
             r = (row + dr) & MASK
             for dc in range(-radius_cells, radius_cells + 1):
                 c = (col + dc) & MASK
-                hits = sums[r, c, 0]
-                if hits > 0:
-                    ox = col + dc + float(sums[r, c, 1]) / hits - x
-                    oy = row + dr + float(sums[r, c, 2]) / hits - y
+                if field[r, c] == HIT:
+                    ox = col + dc + float(lines[r, c, 0]) - x
+                    oy = row + dr + float(lines[r, c, 1]) - y
                     distance = ox * ox + oy * oy
                     if distance < best:
                         best, best_r, best_c = distance, r, c
                         best_x, best_y = ox, oy
         if best_r < 0:
             continue
-        nx, ny = float(lines[best_r, best_c, 0]), float(lines[best_r, best_c, 1])
+        nx, ny = float(lines[best_r, best_c, 2]), float(lines[best_r, best_c, 3])
         if nx == 0.0 and ny == 0.0:
             # No line here (a leg, a corner): pull towards the centroid itself, as a weak point.
             distance_m = math.sqrt(best) * cell_m

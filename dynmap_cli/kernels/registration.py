@@ -18,6 +18,8 @@ CELL, SPACING, SIGMA, PRIOR_SHIFT, PRIOR_SHIFT_SHARE, PRIOR_TURN, PRIOR_TURN_SHA
 KEY_SHIFT, KEY_TURN, RING, RING_REACH, INDEPENDENT = 7, 8, 9, 10, 11
 WIDE_TURN, GOOD_SHARE, LOST_SHARE, REVERSIBLE = 12, 13, 14, 15
 N_NUMBERS = 16
+REVERSED_MARGIN = 3.0
+"""By how much a step must fit better backwards: along a bare corridor both directions fit alike."""
 
 
 @kernel
@@ -72,8 +74,8 @@ def refine(
     match_weight: float,
     sigma_m: float,
     cell_m: float,
-    sums: I64,
     lines: F32,
+    field: U8,
     information: F64,
     out: F64,
 ) -> float:
@@ -96,7 +98,7 @@ def refine(
     match_weight : float
         nu, so that neighbouring beams do not count as independent.
     sigma_m, cell_m : float
-    sums, lines
+    lines, field
         The local map.
     information : (3, 3) float64
         On return nu / sigma^2 * J^T W J of the last iteration, without the prior.
@@ -118,7 +120,7 @@ def refine(
         scale = 5.0 * sigma_m if iteration < 2 else (3.0 * sigma_m if iteration < 4 else 2.0 * sigma_m)
         radius = 3 if iteration < 3 else 2
         share = point_to_line(
-            points, weights, count, out, radius, scale, cell_m, sums, lines, information, gradient
+            points, weights, count, out, radius, scale, cell_m, lines, field, information, gradient
         )
         for i in range(3):
             for j in range(3):
@@ -239,7 +241,7 @@ def register_scans(
             prior[2] = 1.0 / sigma_turn**2
             share = refine(
                 points, point_weights, count, predicted, predicted, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                sums, lines, information[scan], narrow,
+                lines, field, information[scan], narrow,
             )  # fmt: skip
             if numbers[REVERSIBLE] > 0.0 and shift_m > 0.02:
                 start[0] = poses[scan - 1, 0] - cos * dx + sin * dy
@@ -247,10 +249,11 @@ def register_scans(
                 start[2] = predicted[2]
                 wide_share = refine(
                     points, point_weights, count, start, start, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    sums, lines, trial, wide,
+                    lines, field, trial, wide,
                 )  # fmt: skip
                 loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
-                if fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, start, prior) < loss:
+                reversed_loss = fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, start, prior)
+                if reversed_loss < loss - REVERSED_MARGIN:
                     share = wide_share
                     narrow[:] = wide
                     predicted[:] = start
@@ -265,7 +268,7 @@ def register_scans(
                 correlate(points, count, predicted, angles, reach, 1, cell_m, field, scores, costs, start)
                 wide_share = refine(
                     points, point_weights, count, start, predicted, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    sums, lines, trial, wide,
+                    lines, field, trial, wide,
                 )  # fmt: skip
                 loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
                 if fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, predicted, prior) < loss:
@@ -279,7 +282,7 @@ def register_scans(
                 correlate(points, count, predicted, angles, 24, 2, cell_m, field, scores, costs, start)
                 wide_share = refine(
                     points, point_weights, count, start, start, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    sums, lines, trial, wide,
+                    lines, field, trial, wide,
                 )  # fmt: skip
                 loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
                 if (

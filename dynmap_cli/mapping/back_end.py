@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.arrays import F64, I64
 from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between, compose, wrap_angle
-from dynmap_cli.kernels.matching import thin_points
+from dynmap_cli.kernels.local_maps import MATCHED, RESIDUAL, SEEN
 from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, LoopParams, LoopSearch
@@ -22,6 +23,8 @@ _LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
 _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
 _RESIDUAL_M = 0.1
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
+_DENSE_ROUNDS = 2
+_DENSE_MIN_SEEN, _DENSE_MIN_MATCHED, _DENSE_MAX_RESIDUAL_M = 0.3, 0.6, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,8 @@ def close_loops(
             note(f"loop round {number + 1}: {new} new loops, {len(search.loops)} in all")
         elif number >= len(WINDOWS_M):
             break
-    for _ in range(2):
+    for _ in range(_DENSE_ROUNDS):
+        maps = make_local_maps(sweeps, rays, keys, poses)
         dense = _dense_edges(sweeps, rays, keys, poses, maps, anchors)
         edges = join_edges(chain, _loop_edges(search, anchors), dense)
         poses, weights = optimise(poses, edges, _scales(edges), graduated=False)
@@ -159,59 +163,45 @@ def _dense_edges(
 ) -> Edges:
     """Each key scan fitted on the local maps around it, of this pass and of others."""
     easel = Easel()
-    pairs = _dense_pairs(poses, anchors)
-    first, second, measured, information = [], [], [], []
-    for number, local_map in enumerate(maps):
-        easel.draw(local_map)
-        for node in pairs[number]:
-            points = _key_points(sweeps, rays, int(keys[node]))
-            fit = easel.fit(points, between(poses[anchors[number]], poses[node]), polish=True)
-            if fit.seen < 0.3 or fit.matched_of_seen < 0.6 or fit.residual_m > 0.05:
-                continue
-            first.append(int(anchors[number]))
-            second.append(node)
-            measured.append(fit.pose)
-            information.append(fit.information)
-    if not first:
-        return no_edges()
-    return Edges(
-        np.array(first, dtype=np.int64),
-        np.array(second, dtype=np.int64),
-        np.array(measured),
-        _capped(np.array(information) / _RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
-        np.full(len(first), DENSE, dtype=np.uint8),
-    )
+    parts = [no_edges()]
+    for number, nodes in enumerate(_dense_pairs(poses, anchors)):
+        if nodes.size == 0:
+            continue
+        easel.draw(maps[number])
+        starts = between(poses[anchors[number]], poses[nodes])
+        fitted, information, judged = easel.fit_scans(sweeps, rays, keys[nodes], starts)
+        seen = judged[:, SEEN]
+        good = (
+            (seen >= _DENSE_MIN_SEEN)
+            & (judged[:, MATCHED] >= _DENSE_MIN_MATCHED * seen)
+            & (judged[:, RESIDUAL] <= _DENSE_MAX_RESIDUAL_M)
+        )
+        count = int(good.sum())
+        parts.append(
+            Edges(
+                np.full(count, anchors[number]),
+                nodes[good],
+                fitted[good],
+                _capped(information[good] / _RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
+                np.full(count, DENSE, dtype=np.uint8),
+            )
+        )
+    return join_edges(*parts)
 
 
-def _dense_pairs(poses: F64, anchors: I64) -> list[list[int]]:
+def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
     """For each local map the key scans that are to be fitted on it: per key scan the nearest maps of each pass."""
     pairs: list[list[int]] = [[] for _ in anchors]
-    for node in range(poses.shape[0]):
-        distance = np.linalg.norm(poses[anchors, :2] - poses[node, :2], axis=1)
+    tree = cKDTree(poses[anchors, :2])
+    n_nearest = min(8 * _DENSE_PARTNERS, anchors.size)
+    _, nearest = tree.query(poses[:, :2], k=[*range(1, n_nearest + 1)], distance_upper_bound=_DENSE_REACH_M)
+    for node, candidates in enumerate(nearest.tolist()):
         chosen: list[int] = []
-        for number in np.argsort(distance, kind="stable")[: 8 * _DENSE_PARTNERS]:
-            if distance[number] > _DENSE_REACH_M or len(chosen) == _DENSE_PARTNERS:
+        for number in candidates:
+            if number == anchors.size or len(chosen) == _DENSE_PARTNERS:
                 break
-            if anchors[number] != node and all(abs(int(number) - other) > 2 for other in chosen):
-                chosen.append(int(number))
+            if anchors[number] != node and all(abs(number - other) > 2 for other in chosen):
+                chosen.append(number)
         for number in chosen:
             pairs[number].append(node)
-    return pairs
-
-
-def _key_points(sweeps: Sweeps, rays: Rays, scan: int) -> F32:
-    """Thinned static points of a scan, robot frame, (n, 2) float32."""
-    geometry = int(sweeps.geometry_index[scan])
-    n_beams = sweeps.ranges_m.shape[1]
-    points, beams = np.empty((n_beams, 2)), np.empty(n_beams, dtype=np.int32)
-    count = thin_points(
-        sweeps.ranges_m[scan],
-        rays.directions[geometry],
-        rays.sensor_poses[geometry],
-        float(rays.usable_m[geometry]),
-        0.03,
-        points,
-        beams,
-    )
-    static = ~(sweeps.weights[scan, beams[:count]] < 0.5)
-    return np.asarray(points[:count][static], dtype=np.float32)
+    return [np.array(nodes, dtype=np.int64) for nodes in pairs]

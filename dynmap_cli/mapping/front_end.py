@@ -44,7 +44,7 @@ class FrontEndParams:
 
     cell_m: float = 0.05
     spacing_m: float = 0.03
-    sigma_m: float = 0.03
+    sigma_m: float = 0.02
     key_shift_m: float = 0.15
     key_turn_rad: float = 0.15
     n_keys: int = 80
@@ -176,7 +176,7 @@ def register(
     n_scans = sweeps.n_scans
     has_motion: U8 = np.asarray(np.isfinite(motion).all(axis=1)).astype(np.uint8)
     sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
-    lines = np.zeros((SIZE, SIZE, 2), dtype=np.float32)
+    lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
     field = np.zeros((SIZE, SIZE), dtype=np.uint8)
     ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(4, dtype=np.int64)
     poses, shares = np.zeros((n_scans, 3)), np.zeros(n_scans)

@@ -16,6 +16,7 @@ from dynmap_cli.kernels.local_maps import (
     SIZE,
     collect_local_map,
     draw_local_map,
+    fit_scans,
     judge_fit,
     refine_local_map,
     search_coarse,
@@ -174,6 +175,38 @@ class Easel:
             int(polish),
         )
         return self._judged(points, pose, information, residual, stride)
+
+    def fit_scans(self, sweeps: Sweeps, rays: Rays, scans: I64, starts: F64) -> tuple[F64, F64, F64]:
+        """Fit single scans near their starts (k, 3), drawn_from_robot.
+
+        Returns
+        -------
+        poses : (k, 3) float64
+        information : (k, 3, 3) float64
+        judged : (k, 4) float64
+            Shares matched, seen and in free space, and residual in metres.
+        """
+        drawn = self._require()
+        poses, information, judged = starts.copy(), np.zeros((scans.size, 3, 3)), np.zeros((scans.size, 4))
+        fit_scans(
+            sweeps.ranges_m,
+            sweeps.weights,
+            sweeps.geometry_index,
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            scans,
+            _SPACING_M,
+            drawn.points,
+            drawn.normals,
+            drawn.free,
+            self._index,
+            self._field,
+            poses,
+            information,
+            judged,
+        )
+        return poses, information, judged
 
     def judge(self, points: F32, pose: F64) -> Fit:
         """Shares at a given pose, without refinement."""

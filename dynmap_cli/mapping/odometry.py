@@ -13,7 +13,8 @@ from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import between, wrap_angle
 
 _MAX_LAG_SCANS, _MAX_LAG_S = 3.0, 0.6
-_ENOUGH_SCANS = 100
+_ENOUGH_SCANS, _ENOUGH_BACKWARDS = 100, 10
+_STEP_M = 0.02
 _TURN_CAP_RAD = 0.05
 _CLEARLY_LESS = 0.95
 _SCALE_PRIOR_RAD, _BIAS_PRIOR_M = 3.0, 10.0
@@ -155,11 +156,23 @@ def calibrate(odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversi
     )
 
 
-def never_runs_backwards(odometry: F64) -> bool:
-    """Whether no step of the odometry goes backwards, although the robot moves."""
-    steps = between(odometry[:-1], odometry[1:])
-    forward = steps[np.isfinite(steps).all(axis=1), 0]
-    return bool((forward > 0.02).sum() > _ENOUGH_SCANS and (forward < -0.01).sum() == 0)
+def lacks_sign(odometry: F64, matched: F64, is_sure: B1) -> bool:
+    """Whether the robot reverses, the odometry never does, and says forward instead.
+
+    Parameters
+    ----------
+    odometry, matched : (n, 3) float64
+    is_sure : (n,) bool
+        Scans whose match fixes the position in both directions; along a bare corridor any step fits.
+    """
+    forward = between(odometry[:-1], odometry[1:])[:, 0]
+    if not (np.nansum(forward > _STEP_M) > _ENOUGH_SCANS and np.nansum(forward < -_STEP_M / 2) == 0):
+        return False
+    found = between(matched[:-1], matched[1:])[:, 0]
+    backwards = is_sure[1:] & is_sure[:-1] & (forward > _STEP_M) & (found < -_STEP_M)
+    # Robots reverse for a while; a single step is more likely a wrong match.
+    in_a_row = backwards[:-1] & backwards[1:]
+    return int(in_a_row.sum()) >= _ENOUGH_BACKWARDS
 
 
 def _shifted(odometry: F64, times_s: F64, lag_scans: float, lag_s: float) -> F64:

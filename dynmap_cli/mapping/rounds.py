@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64
+from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.counting.counts import Rays, frame_of_scans, rays_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, filter_beams
 from dynmap_cli.domain.poses import Trajectory
@@ -16,7 +16,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops, spread_to_scans
 from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register, sweeps_of
 from dynmap_cli.mapping.loops import LoopParams
-from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, never_runs_backwards
+from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
 from dynmap_cli.progress import Tick, progress
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _CALIBRATION_SCANS = 4000
 _FIRST_PASS = Calibration(
     turn_noise_rad=0.05, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
 )
-_REVERSIBLE_GAIN, _GOOD_SHARE = 0.003, 0.7
+_GOOD_SHARE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,17 +144,13 @@ class Registrar:
             return Calibration()
         motion = corrected_motion(part.odometry, part.times_s, Calibration())
         first_pass = self._register(part, motion, _FIRST_PASS)
-        reversible = False
-        if never_runs_backwards(sweeps.odometry):
-            both_ways = self._register(part, motion, replace(_FIRST_PASS, reversible=True))
-            if both_ways.shares.mean() > first_pass.shares.mean() + _REVERSIBLE_GAIN:
-                reversible, first_pass = True, both_ways
+        is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
         return calibrate(
             part.odometry,
             part.times_s,
             first_pass.poses,
-            np.asarray(first_pass.shares > _GOOD_SHARE),
-            reversible=reversible,
+            is_good,
+            reversible=lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass)),
         )
 
     def _register(
@@ -162,6 +158,12 @@ class Registrar:
     ) -> Registered:
         arguments = (sweeps, self._rays, motion, calibration, self._params)
         return register(*arguments) if tick is None else register(*arguments, tick)
+
+
+def _fixes_position(registered: Registered) -> B1:
+    """(n_scans,) where the match knows both directions; along a bare corridor it knows one."""
+    spread = np.linalg.eigvalsh(registered.information[:, :2, :2])
+    return np.asarray(spread[:, 0] > 0.05 * np.maximum(spread[:, 1], 1e-9))
 
 
 def _note(sentence: str) -> None:

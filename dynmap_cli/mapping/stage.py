@@ -71,6 +71,12 @@ def _write_graph(path: Path, graph: Graph) -> None:
     )
 
 
+def _path_length_m(log: ScanLog, result: FilterMap) -> float:
+    """Distance travelled, along the order in which the sweeps were made."""
+    in_order = result.trajectory.poses[np.argsort(log.arrival_index, kind="stable"), :2]
+    return float(np.linalg.norm(np.diff(in_order, axis=0), axis=1).sum())
+
+
 def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
     """What was found, as numbers and as sentences."""
     filtered = result.filtered
@@ -78,7 +84,7 @@ def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
     ended = int(np.isfinite(filtered.static_probability).sum())
     summary: dict[str, Any] = {
         "scans": log.n_scans,
-        "path_m": round(result.trajectory.length_m(), 2),
+        "path_m": round(_path_length_m(log, result), 2),
         "rounds": len(result.rounds),
         "dynamic_share": round(filtered.dynamic_share, 5),
         "log_likelihood": round(filtered.log_likelihood, 3),

@@ -21,7 +21,7 @@ class Torus:
 
     def __init__(self):
         self.sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
-        self.lines = np.zeros((SIZE, SIZE, 2), dtype=np.float32)
+        self.lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
         self.field = np.zeros((SIZE, SIZE), dtype=np.uint8)
 
     def insert(self, points, weights, pose, sign=1):
@@ -86,7 +86,7 @@ def test_normal_equations_match_the_plain_sum(room, torus, seed):
     points, weights = to_robot(room[::5], np.zeros(3)), rng.uniform(0, 1, len(room[::5]))
     normal_matrix, gradient = np.empty((3, 3)), np.empty(3)
     share = point_to_line(
-        points, weights, len(points), pose, 2, 0.06, CELL, torus.sums, torus.lines, normal_matrix, gradient
+        points, weights, len(points), pose, 2, 0.06, CELL, torus.lines, torus.field, normal_matrix, gradient
     )
     expected = plain_point_to_line(
         points, weights, pose, 2, 0.06, CELL, plain_local_map(room, np.ones(len(room)), CELL)
@@ -138,8 +138,8 @@ def test_the_map_is_the_same_on_the_other_side_of_the_torus(room):
             2,
             0.06,
             CELL,
-            torus.sums,
             torus.lines,
+            torus.field,
             matrix,
             gradient,
         )

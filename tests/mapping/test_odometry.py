@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, compose
-from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, never_runs_backwards
+from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
 
 
 def drive(n=1500, seed=0, backwards=False):
@@ -85,15 +85,17 @@ def test_scale_of_the_distance_is_found():
     assert abs(found.translation_scale - 1.04) < 0.01
 
 
-def test_odometry_without_sign_is_suspected():
+def test_odometry_without_sign_is_told_from_one_that_has_it():
     poses, _ = drive(backwards=True)
-    assert not never_runs_backwards(poses)
     steps = between(poses[:-1], poses[1:])
     steps[:, 0] = np.abs(steps[:, 0])
     signless = np.zeros_like(poses)
     for k, step in enumerate(steps):
         signless[k + 1] = compose(signless[k], step)
-    assert never_runs_backwards(signless)
+    assert lacks_sign(signless, poses, GOOD)
+    assert not lacks_sign(poses, poses, GOOD)
+    assert not lacks_sign(signless, signless, GOOD)
+    assert not lacks_sign(signless, poses, ~GOOD)
 
 
 def test_without_odometry_there_is_nothing_to_correct():
