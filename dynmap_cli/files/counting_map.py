@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,9 @@ import numpy as np
 from dynmap_cli.arrays import F32, I64
 from dynmap_cli.domain.grid import CountingMap, GridFrame
 from dynmap_cli.errors import ArtifactError
+
+DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
+"""What numpy raises on files that are missing, cut off, damaged or of something else."""
 
 
 def write_counting_map(path: Path, counting_map: CountingMap) -> None:
@@ -34,12 +39,12 @@ def read_counting_map(path: Path) -> CountingMap:
                 name: archive[name].astype(np.float64)
                 for name in ("static_hits", "dynamic_hits", "passed_cells", "centroids_m")
             }
-            origin, resolution = archive["origin_m"], float(archive["resolution_m"])
-    except (OSError, KeyError, ValueError) as err:
+            x, y = (float(value) for value in archive["origin_m"])
+            rows, cols = columns["static_hits"].shape
+            return CountingMap(GridFrame(float(archive["resolution_m"]), x, y, rows, cols), **columns)
+    except DAMAGE as err:
         msg = f"{path}: not a readable counting map ({err}). Run `dynmap map` again with --force."
         raise ArtifactError(msg) from err
-    frame = GridFrame(resolution, float(origin[0]), float(origin[1]), *columns["static_hits"].shape)
-    return CountingMap(frame, **columns)
 
 
 def write_beams(path: Path, stamps_ns: I64, static_probability: F32) -> None:
@@ -52,6 +57,6 @@ def read_beams(path: Path) -> F32:
     try:
         with np.load(path, allow_pickle=False) as archive:
             return np.asarray(archive["static_probability"], dtype=np.float32)
-    except (OSError, KeyError, ValueError) as err:
+    except DAMAGE as err:
         msg = f"{path}: not a readable table of beams ({err}). Run `dynmap map` again with --force."
         raise ArtifactError(msg) from err

@@ -33,6 +33,6 @@ def read_scan_log(folder: Path) -> ScanLog:
         }
         recordings = tuple(json.loads((folder / "recordings.json").read_text(encoding="utf-8")))
         return ScanLog(recordings=recordings, **columns)
-    except (OSError, ValueError, TypeError) as err:
+    except (OSError, EOFError, ValueError, TypeError) as err:
         msg = f"{folder}: not a readable scan folder ({err}). Run `dynmap ingest` again with --force."
         raise ArtifactError(msg) from err
