@@ -10,11 +10,13 @@ from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
+from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells
 
 SCANS_PER_CHUNK = 1024
 _WALL_REFLECTANCE = 0.5
+_SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +31,14 @@ class Rays:
         robot_from_sensor.
     usable_m : (n_geometries,) float64
         Beams are used up to this range.
+    beam_interval_s : (n_geometries,) float64
+        Time from one beam to the next; 0 = not known.
     """
 
     directions: F64
     sensor_poses: F64
     usable_m: F64
+    beam_interval_s: F64
 
 
 def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
@@ -43,7 +48,22 @@ def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
         directions=np.stack([np.cos(angles), np.sin(angles)], axis=-1),
         sensor_poses=log.sensor_poses.copy(),
         usable_m=np.minimum(log.range_limits_m[:, 1], usable_range_m),
+        beam_interval_s=log.beam_interval_s.copy(),
     )
+
+
+def twists_of(log: ScanLog, poses: F64) -> F64 | None:
+    """Velocity (n_scans, 3) during each scan, robot frame, from the step to the next; None where no sweep takes time.
+
+    Zero where the next scan comes more than two seconds later, or has no pose.
+    """
+    if log.n_scans < 2 or not (log.beam_interval_s > 0.0).any():
+        return None
+    elapsed_s = np.diff(log.stamps_ns)[:, None] / 1e9
+    twists = np.zeros((log.n_scans, 3))
+    usable = (elapsed_s > _SHORTEST_STEP_S) & (elapsed_s < _LONGEST_STEP_S)
+    np.divide(between(poses[:-1], poses[1:]), elapsed_s, out=twists[:-1], where=usable)
+    return np.nan_to_num(twists)
 
 
 class Counter:
@@ -57,7 +77,14 @@ class Counter:
         self._sums = tuple(np.zeros(frame.shape, dtype=np.int64) for _ in range(4))
 
     def add(
-        self, log: ScanLog, poses: F64, usable_range_m: float, *, weights: F32 | None = None, sign: int = 1
+        self,
+        log: ScanLog,
+        poses: F64,
+        usable_range_m: float,
+        *,
+        weights: F32 | None = None,
+        twists: F64 | None = None,
+        sign: int = 1,
     ) -> None:
         """Add scans (sign 1) or take them out (sign -1).
 
@@ -69,6 +96,8 @@ class Counter:
         usable_range_m : float
         weights : (n_scans, n_beams) float32, optional
             e of each beam; without it all beams are static.
+        twists : (n_scans, 3) float64, optional
+            Velocity during each scan, see `twists_of`; without it the robot stood still.
         sign : int
         """
         rays, frame = rays_of(log, usable_range_m), self.frame
@@ -82,6 +111,8 @@ class Counter:
                 rays.directions,
                 rays.sensor_poses,
                 rays.usable_m,
+                rays.beam_interval_s,
+                np.zeros((ranges.shape[0], 3)) if twists is None else np.array(twists[part]),
                 np.array(poses[part], dtype=np.float64),
                 frame.resolution_m,
                 frame.origin_x_m,
@@ -121,6 +152,7 @@ def count_beams(
     usable_range_m: float,
     *,
     weights: F32 | None = None,
+    twists: F64 | None = None,
     threads: int = 1,
 ) -> CountingMap:
     """Counting map of all scans; the same bytes for any number of threads.
@@ -136,6 +168,8 @@ def count_beams(
         Longer beams, and beams without return, pass up to this range and end nowhere.
     weights : (n_scans, n_beams) float32, optional
         e of each beam; NaN counts as 1.
+    twists : (n_scans, 3) float64, optional
+        Velocity during each scan, see `twists_of`; without it the robot stood still.
     threads : int
     """
     bounds = np.linspace(0, log.n_scans, max(1, min(threads, log.n_scans // SCANS_PER_CHUNK)) + 1).astype(int)
@@ -144,7 +178,11 @@ def count_beams(
         counter = Counter(frame)
         part = slice(first, last)
         counter.add(
-            log.select(part), poses[part], usable_range_m, weights=None if weights is None else weights[part]
+            log.select(part),
+            poses[part],
+            usable_range_m,
+            weights=None if weights is None else weights[part],
+            twists=None if twists is None else twists[part],
         )
         return counter
 
@@ -156,7 +194,13 @@ def count_beams(
 
 
 def count_up_to_walls(
-    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, threads: int = 1
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    usable_range_m: float,
+    *,
+    twists: F64 | None = None,
+    threads: int = 1,
 ) -> CountingMap:
     """Counting map in which beams without return pass only up to the first wall that other beams see.
 
@@ -165,18 +209,19 @@ def count_up_to_walls(
     """
     silent = np.asarray(log.ranges_m == np.inf)
     if not silent.any():
-        return count_beams(log, poses, frame, usable_range_m, threads=threads)
+        return count_beams(log, poses, frame, usable_range_m, twists=twists, threads=threads)
     returns = replace(log, ranges_m=np.where(silent, np.float32(np.nan), log.ranges_m))
-    seen = count_beams(returns, poses, frame, usable_range_m, threads=threads)
+    seen = count_beams(returns, poses, frame, usable_range_m, twists=twists, threads=threads)
     reflectance = np.nan_to_num(seen.reflectance)
     walls: B1 = ndimage.binary_dilation(reflectance >= _WALL_REFLECTANCE, np.ones((3, 3), dtype=bool))
-    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls.astype(np.uint8))
+    moving = np.zeros((log.n_scans, 3)) if twists is None else twists
+    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls.astype(np.uint8), moving)
     cut = replace(log, ranges_m=np.where(silent, reach, log.ranges_m))
-    return count_beams(cut, poses, frame, usable_range_m, threads=threads)
+    return count_beams(cut, poses, frame, usable_range_m, twists=twists, threads=threads)
 
 
 def _reach_of_silent_beams(
-    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, walls: U8
+    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, walls: U8, twists: F64
 ) -> F32:
     """Minus the distance (n_scans, n_beams) that each beam without return passes; NaN for the others."""
     rays = rays_of(log, usable_range_m)
@@ -189,6 +234,8 @@ def _reach_of_silent_beams(
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
+            rays.beam_interval_s,
+            np.array(twists[part]),
             np.array(poses[part], dtype=np.float64),
             frame.resolution_m,
             frame.origin_x_m,
@@ -199,9 +246,12 @@ def _reach_of_silent_beams(
     return reach
 
 
-def end_cells(log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float) -> I32:
+def end_cells(
+    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, twists: F64 | None = None
+) -> I32:
     """Flat index row * cols + col of each beam's end cell, (n_scans, n_beams) int32; -1 where it has none."""
     rays = rays_of(log, usable_range_m)
+    twists = np.zeros((log.n_scans, 3)) if twists is None else twists
     cells = np.empty(log.ranges_m.shape, dtype=np.int32)
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
@@ -211,6 +261,8 @@ def end_cells(log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float)
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
+            rays.beam_interval_s,
+            np.array(twists[part]),
             np.array(poses[part], dtype=np.float64),
             frame.resolution_m,
             frame.origin_x_m,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells
+from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells, twists_of
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import look_up, static_probability
@@ -84,9 +84,10 @@ def filter_beams(
     threads : int
     """
     count = count_up_to_walls if params.stop_at_walls else count_beams
-    raw = count(log, poses, frame, params.usable_range_m, threads=threads)
+    twists = twists_of(log, poses)
+    raw = count(log, poses, frame, params.usable_range_m, twists=twists, threads=threads)
     reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
-    cells = end_cells(log, poses, frame, params.usable_range_m)
+    cells = end_cells(log, poses, frame, params.usable_range_m, twists=twists)
     weights = _e_step(reflectance, params)
     beams = np.empty(cells.shape, dtype=np.float32)
     look_up(cells, weights.ravel(), beams)

@@ -61,6 +61,14 @@ def _clip(x0: float, dx: float, low: float, high: float, enter: float, leave: fl
 
 
 @kernel
+def _moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
+    """Position of the robot a short time after the first beam of a scan."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = elapsed_s * twist[0], elapsed_s * twist[1]
+    return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
+
+
+@kernel
 def count_scans(
     ranges_m: F32,
     weights: F32,
@@ -68,6 +76,8 @@ def count_scans(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     poses: F64,
     resolution_m: float,
     origin_x_m: float,
@@ -97,7 +107,9 @@ def count_scans(
     directions : (n_geometries, n_beams, 2) float64
         Unit vectors of the beams in the robot frame.
     sensor_poses : (n_geometries, 3) float64
-    usable_m : (n_geometries,) float64
+    usable_m, beam_interval_s : (n_geometries,) float64
+    twists : (n_scans, 3) float64
+        Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
     poses : (n_scans, 3) float64
         map_from_robot; rows with NaN are skipped.
     resolution_m, origin_x_m, origin_y_m : float
@@ -117,9 +129,20 @@ def count_scans(
             continue
         cos, sin = math.cos(yaw), math.sin(yaw)
         sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        robot_x, robot_y = poses[scan, 0], poses[scan, 1]
+        x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+        y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
+            if interval_s > 0.0:
+                elapsed_s = beam * interval_s
+                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
+                cos, sin = (
+                    math.cos(yaw + elapsed_s * twists[scan, 2]),
+                    math.sin(yaw + elapsed_s * twists[scan, 2]),
+                )
+                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
             distance = float(ranges_m[scan, beam])
             if math.isnan(distance):
                 continue
@@ -165,6 +188,8 @@ def find_end_cells(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     poses: F64,
     resolution_m: float,
     origin_x_m: float,
@@ -182,9 +207,20 @@ def find_end_cells(
         yaw = poses[scan, 2]
         cos, sin = math.cos(yaw), math.sin(yaw)
         sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        robot_x, robot_y = poses[scan, 0], poses[scan, 1]
+        x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+        y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
+            if interval_s > 0.0:
+                elapsed_s = beam * interval_s
+                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
+                cos, sin = (
+                    math.cos(yaw + elapsed_s * twists[scan, 2]),
+                    math.sin(yaw + elapsed_s * twists[scan, 2]),
+                )
+                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
             out[scan, beam] = -1
             distance = float(ranges_m[scan, beam])
             if not (0.0 <= distance <= usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
@@ -204,6 +240,8 @@ def cut_at_walls(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     poses: F64,
     resolution_m: float,
     origin_x_m: float,
@@ -228,9 +266,20 @@ def cut_at_walls(
         yaw = poses[scan, 2]
         cos, sin = math.cos(yaw), math.sin(yaw)
         sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        robot_x, robot_y = poses[scan, 0], poses[scan, 1]
+        x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+        y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
+            if interval_s > 0.0:
+                elapsed_s = beam * interval_s
+                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
+                cos, sin = (
+                    math.cos(yaw + elapsed_s * twists[scan, 2]),
+                    math.sin(yaw + elapsed_s * twists[scan, 2]),
+                )
+                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
             out[scan, beam] = math.nan
             if not (ranges_m[scan, beam] > usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
                 continue

@@ -30,6 +30,8 @@ def collect_local_map(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     scans: I64,
     anchor_from_robot: F64,
     spacing_m: float,
@@ -42,7 +44,7 @@ def collect_local_map(
 
     Parameters
     ----------
-    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m
+    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists
         As for `register_scans`.
     scans : (k,) int64
     anchor_from_robot : (k, 3) float64
@@ -79,6 +81,8 @@ def collect_local_map(
             directions[geometry],
             sensor_poses[geometry],
             usable_m[geometry],
+            beam_interval_s[geometry],
+            twists[scan],
             spacing_m,
             end_points,
             beams,
@@ -452,6 +456,8 @@ def fit_scans(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     scans: I64,
     spacing_m: float,
     drawn_points: F32,
@@ -467,7 +473,8 @@ def fit_scans(
 
     Parameters
     ----------
-    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, spacing_m
+    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists,
+    spacing_m
         As for `collect_local_map`; beams with e < 1/2 are left out.
     scans : (k,) int64
     drawn_points, drawn_normals, drawn_free, index, field
@@ -490,6 +497,8 @@ def fit_scans(
             directions[geometry],
             sensor_poses[geometry],
             usable_m[geometry],
+            beam_interval_s[geometry],
+            twists[scan],
             spacing_m,
             end_points,
             beams,

@@ -28,18 +28,26 @@ def thin_points(
     directions: F64,
     sensor_pose: F64,
     usable_m: float,
+    beam_interval_s: float,
+    twist: F64,
     spacing_m: float,
     out: F64,
     out_beams: I32,
 ) -> int:
     """Write the end points of a scan in the robot frame, leaving out those closer than a spacing to the last.
 
+    The points are where they were seen from the robot's pose at the first beam: the sweep is corrected for the
+    motion during it.
+
     Parameters
     ----------
     ranges_m : (n_beams,) float32
     directions : (n_beams, 2) float64
     sensor_pose : (3,) float64
-    usable_m, spacing_m : float
+    usable_m, beam_interval_s : float
+    twist : (3,) float64
+        Velocity of the robot in its frame: m / s, m / s, rad / s.
+    spacing_m : float
     out : (n_beams, 2) float64
     out_beams : (n_beams,) int32
         Number of the beam of each point.
@@ -56,6 +64,10 @@ def thin_points(
             continue
         x = sensor_pose[0] + distance * directions[beam, 0]
         y = sensor_pose[1] + distance * directions[beam, 1]
+        if beam_interval_s > 0.0:
+            elapsed_s = beam * beam_interval_s
+            cos, sin = math.cos(elapsed_s * twist[2]), math.sin(elapsed_s * twist[2])
+            x, y = cos * x - sin * y + elapsed_s * twist[0], sin * x + cos * y + elapsed_s * twist[1]
         if count > 0:
             dx, dy = x - out[count - 1, 0], y - out[count - 1, 1]
             if dx * dx + dy * dy < spacing_m * spacing_m:

@@ -18,6 +18,8 @@ CELL, SPACING, SIGMA, PRIOR_SHIFT, PRIOR_SHIFT_SHARE, PRIOR_TURN, PRIOR_TURN_SHA
 KEY_SHIFT, KEY_TURN, RING, RING_REACH, INDEPENDENT = 7, 8, 9, 10, 11
 WIDE_TURN, GOOD_SHARE, LOST_SHARE, REVERSIBLE = 12, 13, 14, 15
 N_NUMBERS = 16
+SHORTEST_STEP_S, LONGEST_STEP_S = 0.005, 2.0
+"""The velocity during a scan is taken from the step to it where that lasted this long."""
 REVERSED_MARGIN = 3.0
 """By how much a step must fit better backwards: along a bare corridor both directions fit alike."""
 
@@ -150,6 +152,8 @@ def register_scans(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    times_s: F64,
     motion: F64,
     has_motion: U8,
     numbers: F64,
@@ -161,6 +165,7 @@ def register_scans(
     poses: F64,
     shares: F64,
     information: F64,
+    twists: F64,
     flags: U8,
 ) -> None:
     """Register scans first..last one after another, each against the key scans before it (Eq. 1.11).
@@ -171,8 +176,9 @@ def register_scans(
         The scans of this call; the scans before *first* are registered.
     ranges_m, weights : (n_scans, n_beams) float32
         Ranges, and e of each beam (NaN counts as 1).
-    geometry_index, directions, sensor_poses, usable_m
+    geometry_index, directions, sensor_poses, usable_m, beam_interval_s
         As for `count_scans`.
+    times_s : (n_scans,) float64
     motion : (n_scans, 3) float64
         Motion since the scan before, in its frame, from the odometry.
     has_motion : (n_scans,) uint8
@@ -191,6 +197,8 @@ def register_scans(
         Matched share of each scan.
     information : (n_scans, 3, 3) float64
         What the match knows about each pose, map frame.
+    twists : (n_scans, 3) float64
+        Filled: velocity during each scan, as predicted, robot frame.
     flags : (n_scans,) uint8
     """
     n_beams = ranges_m.shape[1]
@@ -202,12 +210,33 @@ def register_scans(
     cell_m, sigma_m = numbers[CELL], numbers[SIGMA]
     capacity = ring.size
     for scan in range(first, last):
+        flags[scan] = 0
+        # Prediction: odometry, or the motion of the step before.
+        dx = dy = turn = 0.0
+        twists[scan] = 0.0
+        if scan > 0:
+            if has_motion[scan] > 0:
+                dx, dy, turn = motion[scan, 0], motion[scan, 1], motion[scan, 2]
+            elif scan > 1:
+                cos, sin = math.cos(poses[scan - 2, 2]), math.sin(poses[scan - 2, 2])
+                wx, wy = poses[scan - 1, 0] - poses[scan - 2, 0], poses[scan - 1, 1] - poses[scan - 2, 1]
+                dx, dy = cos * wx + sin * wy, -sin * wx + cos * wy
+                turn = (poses[scan - 1, 2] - poses[scan - 2, 2] + math.pi) % (2.0 * math.pi) - math.pi
+            elapsed_s = times_s[scan] - times_s[scan - 1]
+            if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
+                twists[scan, 0], twists[scan, 1], twists[scan, 2] = (
+                    dx / elapsed_s,
+                    dy / elapsed_s,
+                    turn / elapsed_s,
+                )
         geometry = geometry_index[scan]
         count = thin_points(
             ranges_m[scan],
             directions[geometry],
             sensor_poses[geometry],
             usable_m[geometry],
+            beam_interval_s[geometry],
+            twists[scan],
             numbers[SPACING],
             points,
             beams,
@@ -217,17 +246,7 @@ def register_scans(
             e = float(weights[scan, beams[k]])
             point_weights[k] = 1.0 if math.isnan(e) else e
             weight_sum += point_weights[k]
-        flags[scan] = 0
-        # Prediction: odometry, or the motion of the step before.
         if scan > 0:
-            dx, dy, turn = motion[scan, 0], motion[scan, 1], motion[scan, 2]
-            if has_motion[scan] == 0:
-                dx = dy = turn = 0.0
-                if scan > 1:
-                    cos, sin = math.cos(poses[scan - 2, 2]), math.sin(poses[scan - 2, 2])
-                    wx, wy = poses[scan - 1, 0] - poses[scan - 2, 0], poses[scan - 1, 1] - poses[scan - 2, 1]
-                    dx, dy = cos * wx + sin * wy, -sin * wx + cos * wy
-                    turn = (poses[scan - 1, 2] - poses[scan - 2, 2] + math.pi) % (2.0 * math.pi) - math.pi
             cos, sin = math.cos(poses[scan - 1, 2]), math.sin(poses[scan - 1, 2])
             predicted[0] = poses[scan - 1, 0] + cos * dx - sin * dy
             predicted[1] = poses[scan - 1, 1] + sin * dx + cos * dy
@@ -330,6 +349,8 @@ def register_scans(
                 directions[geometry],
                 sensor_poses[geometry],
                 usable_m[geometry],
+                beam_interval_s[geometry],
+                twists[oldest],
                 numbers[SPACING],
                 points,
                 beams,

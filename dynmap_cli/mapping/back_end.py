@@ -75,7 +75,7 @@ def close_loops(
     chain = _chain_edges(front, keys)
     if keys.size < 3:
         return Graph(keys, poses, chain, np.ones(len(chain)))
-    maps = make_local_maps(sweeps, rays, keys, poses)
+    maps = make_local_maps(sweeps, rays, front.twists, keys, poses)
     anchors = np.array([local_map.anchor for local_map in maps], dtype=np.int64)
     search = LoopSearch(maps, params)
     weights = np.ones(len(chain))
@@ -89,8 +89,8 @@ def close_loops(
         elif number >= len(WINDOWS_M):
             break
     for _ in range(_DENSE_ROUNDS):
-        maps = make_local_maps(sweeps, rays, keys, poses)
-        dense = _dense_edges(sweeps, rays, keys, poses, maps, anchors)
+        maps = make_local_maps(sweeps, rays, front.twists, keys, poses)
+        dense = _dense_edges(sweeps, rays, front.twists, keys, poses, maps, anchors)
         edges = join_edges(chain, _loop_edges(search, anchors), dense)
         poses, weights = optimise(poses, edges, _scales(edges), graduated=False)
     share, _ = search.contradictions(poses[anchors])
@@ -159,7 +159,7 @@ def _capped(information: F64, shift_m: float, turn_rad: float) -> F64:
 
 
 def _dense_edges(
-    sweeps: Sweeps, rays: Rays, keys: I64, poses: F64, maps: list[LocalMap], anchors: I64
+    sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, poses: F64, maps: list[LocalMap], anchors: I64
 ) -> Edges:
     """Each key scan fitted on the local maps around it, of this pass and of others."""
     easel = Easel()
@@ -169,7 +169,7 @@ def _dense_edges(
             continue
         easel.draw(maps[number])
         starts = between(poses[anchors[number]], poses[nodes])
-        fitted, information, judged = easel.fit_scans(sweeps, rays, keys[nodes], starts)
+        fitted, information, judged = easel.fit_scans(sweeps, rays, twists, keys[nodes], starts)
         seen = judged[:, SEEN]
         good = (
             (seen >= _DENSE_MIN_SEEN)

@@ -140,12 +140,15 @@ class Registered:
         Matched share of each scan.
     information : (n_scans, 3, 3) float64
         What the match knows about each pose, map frame.
+    twists : (n_scans, 3) float64
+        Velocity during each scan, robot frame.
     is_key, is_lost, is_wide : (n_scans,) bool
     """
 
     poses: F64
     shares: F64
     information: F64
+    twists: F64
     is_key: B1
     is_lost: B1
     is_wide: B1
@@ -181,6 +184,7 @@ def register(
     ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(4, dtype=np.int64)
     poses, shares = np.zeros((n_scans, 3)), np.zeros(n_scans)
     information, flags = np.zeros((n_scans, 3, 3)), np.zeros(n_scans, dtype=np.uint8)
+    twists = np.zeros((n_scans, 3))
     for first in range(0, n_scans, _SCANS_PER_CALL):
         last = min(first + _SCANS_PER_CALL, n_scans)
         register_scans(
@@ -192,6 +196,8 @@ def register(
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
+            rays.beam_interval_s,
+            sweeps.times_s,
             motion,
             has_motion,
             params.numbers(calibration),
@@ -203,7 +209,10 @@ def register(
             poses,
             shares,
             information,
+            twists,
             flags,
         )
         tick(last - first)
-    return Registered(poses, shares, information, (flags & KEY) > 0, (flags & LOST) > 0, (flags & WIDE) > 0)
+    return Registered(
+        poses, shares, information, twists, (flags & KEY) > 0, (flags & LOST) > 0, (flags & WIDE) > 0
+    )

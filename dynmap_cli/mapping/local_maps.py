@@ -78,13 +78,15 @@ class Fit:
         return self.matched / max(self.seen, 1e-9)
 
 
-def make_local_maps(sweeps: Sweeps, rays: Rays, keys: I64, key_poses: F64) -> list[LocalMap]:
+def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_poses: F64) -> list[LocalMap]:
     """Collect a local map around every tenth key scan.
 
     Parameters
     ----------
     sweeps : Sweeps
     rays : Rays
+    twists : (n_scans, 3) float64
+        Velocity during each scan.
     keys : (n_keys,) int64
         Scan numbers of the key scans.
     key_poses : (n_keys, 3) float64
@@ -103,6 +105,8 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, keys: I64, key_poses: F64) -> li
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
+            rays.beam_interval_s,
+            twists,
             keys[members],
             between(key_poses[anchor], key_poses[members]),
             _SPACING_M,
@@ -176,7 +180,9 @@ class Easel:
         )
         return self._judged(points, pose, information, residual, stride)
 
-    def fit_scans(self, sweeps: Sweeps, rays: Rays, scans: I64, starts: F64) -> tuple[F64, F64, F64]:
+    def fit_scans(
+        self, sweeps: Sweeps, rays: Rays, twists: F64, scans: I64, starts: F64
+    ) -> tuple[F64, F64, F64]:
         """Fit single scans near their starts (k, 3), drawn_from_robot.
 
         Returns
@@ -195,6 +201,8 @@ class Easel:
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
+            rays.beam_interval_s,
+            twists,
             scans,
             _SPACING_M,
             drawn.points,

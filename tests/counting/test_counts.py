@@ -1,5 +1,7 @@
 """Counting by difference grids against the plain twin, and its laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, end_cells, frame_of_scans
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import single_laser_log
 from tests.reference.counting import plain_alpha_beta, plain_beams
 
@@ -124,3 +127,22 @@ def test_a_beam_without_return_passes_no_wall_that_others_see():
     assert behind.sum() == 0.0
     np.testing.assert_allclose(before, 50.0)
     assert count_beams(log, poses, FRAME, 4.0).passed_cells[row, wall + 1 :].sum() > 10.0
+
+
+def test_a_sweep_made_while_driving_counts_as_beams_from_where_each_was_made():
+    n_beams, interval, speed, turn = 40, 0.002, 1.5, 0.7
+    rng = np.random.default_rng(6)
+    log = replace(random_world(6, n_scans=3, n_beams=n_beams)[0], beam_interval_s=np.array([interval]))
+    log = replace(log, stamps_ns=np.arange(3) * 10**8)
+    twist = np.array([speed, 0.3, turn])
+    poses = np.zeros((3, 3))
+    poses[0] = [*rng.uniform(-0.5, 0.5, 2), 0.3]
+    swept = count_beams(log, poses, FRAME, 2.5, twists=np.tile(twist, (3, 1)))
+    one_by_one = Counter(FRAME)
+    for beam in range(n_beams):
+        alone = np.full_like(log.ranges_m, np.nan)
+        alone[:, beam] = log.ranges_m[:, beam]
+        there = compose(poses, beam * interval * twist)
+        one_by_one.add(replace(log, ranges_m=alone), there, 2.5)
+    np.testing.assert_allclose(swept.passed_cells, one_by_one.counting_map().passed_cells, atol=1e-6)
+    np.testing.assert_array_equal(swept.static_hits, one_by_one.counting_map().static_hits)

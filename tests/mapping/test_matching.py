@@ -151,6 +151,22 @@ def test_thinning_keeps_a_spacing_and_skips_what_is_no_return():
     ranges = np.array([1.0, 1.0, np.nan, 1.0, np.inf, 5.0], dtype=np.float32)
     directions = np.array([[np.cos(a), np.sin(a)] for a in (0.0, 0.01, 0.02, 0.5, 0.6, 0.7)])
     out, beams = np.empty((6, 2)), np.empty(6, dtype=np.int32)
-    count = thin_points(ranges, directions, np.array([0.2, 0.0, 0.0]), 4.0, 0.03, out, beams)
+    count = thin_points(
+        ranges, directions, np.array([0.2, 0.0, 0.0]), 4.0, 0.0, np.zeros(3), 0.03, out, beams
+    )
     assert beams[:count].tolist() == [0, 3]
     np.testing.assert_allclose(out[0], [1.2, 0.0])
+
+
+def test_a_sweep_is_corrected_for_the_motion_during_it():
+    """A wall seen beam by beam while the robot drives and turns lands on one line, at its pose at the first beam."""
+    n, interval, speed, turn = 90, 0.002, 1.0, 0.8
+    bearings = np.linspace(-0.8, 0.8, n)
+    times = np.arange(n) * interval
+    ranges = ((3.0 - speed * times) / np.cos(bearings + turn * times)).astype(np.float32)
+    directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    out, beams = np.empty((n, 2)), np.empty(n, dtype=np.int32)
+    twist = np.array([speed, 0.0, turn])
+    count = thin_points(ranges, directions, np.zeros(3), 10.0, interval, twist, 0.0, out, beams)
+    assert count == n
+    np.testing.assert_allclose(out[:, 0], 3.0, atol=1e-5)
