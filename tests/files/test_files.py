@@ -234,8 +234,11 @@ def test_a_failed_write_leaves_what_was_there(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_scratch_folder_is_gone_afterwards(tmp_path):
+def test_a_scratch_folder_starts_empty_and_is_gone_afterwards(tmp_path):
+    (tmp_path / ".map.part").mkdir()
+    (tmp_path / ".map.part" / "of a process that was killed").touch()
     with scratch_folder(tmp_path / "map") as part:
+        assert list(part.iterdir()) == []
         (part / "x").write_text("1")
     assert list(tmp_path.iterdir()) == []
 
