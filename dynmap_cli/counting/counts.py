@@ -32,13 +32,19 @@ class Rays:
     usable_m : (n_geometries,) float64
         Beams are used up to this range.
     beam_interval_s : (n_geometries,) float64
-        Time from one beam to the next; 0 = not known.
+        Time from one beam to the next; negative = from the last beam to the first, 0 = not known.
     """
 
     directions: F64
     sensor_poses: F64
     usable_m: F64
     beam_interval_s: F64
+
+    @property
+    def laser_index(self) -> I64:
+        """(n_geometries,) which laser a geometry belongs to: those at one place on the robot are one."""
+        _, laser = np.unique(self.sensor_poses, axis=0, return_inverse=True)
+        return laser.reshape(-1).astype(np.int64)
 
 
 def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
@@ -57,7 +63,7 @@ def twists_of(log: ScanLog, poses: F64) -> F64 | None:
 
     Zero where the next scan comes more than two seconds later, or has no pose.
     """
-    if log.n_scans < 2 or not (log.beam_interval_s > 0.0).any():
+    if log.n_scans < 2 or not (log.beam_interval_s != 0.0).any():
         return None
     elapsed_s = np.diff(log.stamps_ns)[:, None] / 1e9
     twists = np.zeros((log.n_scans, 3))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells, twists_of
+from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import look_up, static_probability
@@ -70,7 +70,13 @@ class FilteredMap:
 
 
 def filter_beams(
-    log: ScanLog, poses: F64, frame: GridFrame, params: FilterParams, *, threads: int = 1
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    params: FilterParams,
+    *,
+    twists: F64 | None = None,
+    threads: int = 1,
 ) -> FilteredMap:
     """Run the EM to its fixed point at given poses.
 
@@ -81,10 +87,11 @@ def filter_beams(
         map_from_robot; scans with NaN are left out.
     frame : GridFrame
     params : FilterParams
+    twists : (n_scans, 3) float64, optional
+        Velocity during each scan, to correct sweeps for it; without it the robot stood still.
     threads : int
     """
     count = count_up_to_walls if params.stop_at_walls else count_beams
-    twists = twists_of(log, poses)
     raw = count(log, poses, frame, params.usable_range_m, twists=twists, threads=threads)
     reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
     cells = end_cells(log, poses, frame, params.usable_range_m, twists=twists)

@@ -33,7 +33,8 @@ class ScanLog:
     range_limits_m : (n_geometries, 2) float64
         Shortest and longest distance the sensor measures.
     beam_interval_s : (n_geometries,) float64
-        Time from one beam to the next; 0 where the recording does not say.
+        Time from one beam to the next, 0 where the recording does not say; negative where the sweep ran from the
+        last beam to the first.
     recording_index : (n_scans,) int32
         Which of *recordings* a sweep came from.
     recordings : tuple of str

@@ -107,7 +107,9 @@ def count_scans(
     directions : (n_geometries, n_beams, 2) float64
         Unit vectors of the beams in the robot frame.
     sensor_poses : (n_geometries, 3) float64
-    usable_m, beam_interval_s : (n_geometries,) float64
+    usable_m : (n_geometries,) float64
+    beam_interval_s : (n_geometries,) float64
+        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
     twists : (n_scans, 3) float64
         Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
     poses : (n_scans, 3) float64
@@ -134,8 +136,8 @@ def count_scans(
         y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
         interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
-            if interval_s > 0.0:
-                elapsed_s = beam * interval_s
+            if interval_s != 0.0:
+                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
                 robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
                 cos, sin = (
                     math.cos(yaw + elapsed_s * twists[scan, 2]),
@@ -212,8 +214,8 @@ def find_end_cells(
         y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
         interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
-            if interval_s > 0.0:
-                elapsed_s = beam * interval_s
+            if interval_s != 0.0:
+                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
                 robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
                 cos, sin = (
                     math.cos(yaw + elapsed_s * twists[scan, 2]),
@@ -271,8 +273,8 @@ def cut_at_walls(
         y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
         interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
-            if interval_s > 0.0:
-                elapsed_s = beam * interval_s
+            if interval_s != 0.0:
+                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
                 robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
                 cos, sin = (
                     math.cos(yaw + elapsed_s * twists[scan, 2]),

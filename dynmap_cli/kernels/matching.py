@@ -44,7 +44,9 @@ def thin_points(
     ranges_m : (n_beams,) float32
     directions : (n_beams, 2) float64
     sensor_pose : (3,) float64
-    usable_m, beam_interval_s : float
+    usable_m : float
+    beam_interval_s : float
+        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
     twist : (3,) float64
         Velocity of the robot in its frame: m / s, m / s, rad / s.
     spacing_m : float
@@ -64,8 +66,8 @@ def thin_points(
             continue
         x = sensor_pose[0] + distance * directions[beam, 0]
         y = sensor_pose[1] + distance * directions[beam, 1]
-        if beam_interval_s > 0.0:
-            elapsed_s = beam * beam_interval_s
+        if beam_interval_s != 0.0:
+            elapsed_s = (beam if beam_interval_s > 0.0 else beam - ranges_m.size + 1) * beam_interval_s
             cos, sin = math.cos(elapsed_s * twist[2]), math.sin(elapsed_s * twist[2])
             x, y = cos * x - sin * y + elapsed_s * twist[0], sin * x + cos * y + elapsed_s * twist[1]
         if count > 0:

@@ -160,6 +160,8 @@ def register_scans(
     sums: I64,
     lines: F32,
     field: U8,
+    laser_index: I64,
+    last_keys: I64,
     ring: I64,
     state: I64,
     poses: F64,
@@ -187,10 +189,14 @@ def register_scans(
         See the names at the top.
     sums, lines, field
         The local map.
+    laser_index : (n_geometries,) int64
+        Which laser a geometry belongs to.
+    last_keys : (n_lasers,) int64
+        Last key scan of each laser, -1 = none yet: what it sees may not be in the local map at all.
     ring : (capacity,) int64
         Key scans in the local map, oldest at state[0], state[1] of them.
-    state : (4,) int64
-        Start and length of the ring, last key scan, lost scans in a row.
+    state : (3,) int64
+        Start and length of the ring, lost scans in a row.
     poses : (n_scans, 3) float64
         Filled; row 0 is the start.
     shares : (n_scans,) float64
@@ -278,7 +284,8 @@ def register_scans(
                     predicted[:] = start
                     information[scan] = trial
             needs_wide = turn_rad > numbers[WIDE_TURN] or share < numbers[GOOD_SHARE] or has_motion[scan] == 0
-            if needs_wide and count > 10:
+            is_first = last_keys[laser_index[geometry]] < 0
+            if needs_wide and count > 10 and not is_first:
                 flags[scan] |= WIDE
                 half = min(max(2.0 * sigma_turn, 0.07), 0.35)
                 angles = np.arange(-half, half + 1e-9, 0.00873)
@@ -294,8 +301,8 @@ def register_scans(
                     share = wide_share
                     narrow[:] = wide
                     information[scan] = trial
-            if share < numbers[LOST_SHARE] and count > 20:
-                half = 1.05 if state[3] < 4 else math.pi
+            if share < numbers[LOST_SHARE] and count > 20 and not is_first:
+                half = 1.05 if state[2] < 4 else math.pi
                 angles = np.arange(-half, half, 0.0175)
                 costs[0], costs[1] = 0.02, 0.05
                 correlate(points, count, predicted, angles, 24, 2, cell_m, field, scores, costs, start)
@@ -311,20 +318,20 @@ def register_scans(
                     share = wide_share
                     narrow[:] = wide
                     information[scan] = trial
-            if share < numbers[LOST_SHARE]:
+            if share < numbers[LOST_SHARE] and not is_first:
                 flags[scan] |= LOST
-                state[3] += 1
+                state[2] += 1
             else:
-                state[3] = 0
+                state[2] = 0
             poses[scan] = narrow
             shares[scan] = share
         else:
             shares[scan] = 1.0
             information[scan] = 0.0
         # Key scans enter the local map; the oldest leave it.
-        is_key = scan == 0
+        key = last_keys[laser_index[geometry]]
+        is_key = key < 0
         if not is_key:
-            key = state[2]
             dx, dy = poses[scan, 0] - poses[key, 0], poses[scan, 1] - poses[key, 1]
             turned = abs((poses[scan, 2] - poses[key, 2] + math.pi) % (2.0 * math.pi) - math.pi)
             is_key = math.sqrt(dx * dx + dy * dy) > numbers[KEY_SHIFT] or turned > numbers[KEY_TURN]
@@ -334,7 +341,7 @@ def register_scans(
         insert_points(points, point_weights, count, poses[scan], 1, cell_m, sums, lines, field)
         ring[(state[0] + state[1]) % capacity] = scan
         state[1] += 1
-        state[2] = scan
+        last_keys[laser_index[geometry]] = scan
         while state[1] > 1:
             oldest = ring[state[0]]
             dx, dy = poses[scan, 0] - poses[oldest, 0], poses[scan, 1] - poses[oldest, 1]

@@ -181,7 +181,9 @@ def register(
     sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
     lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
     field = np.zeros((SIZE, SIZE), dtype=np.uint8)
-    ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(4, dtype=np.int64)
+    ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    laser_index = rays.laser_index
+    last_keys = np.full(laser_index.max() + 1, -1, dtype=np.int64)
     poses, shares = np.zeros((n_scans, 3)), np.zeros(n_scans)
     information, flags = np.zeros((n_scans, 3, 3)), np.zeros(n_scans, dtype=np.uint8)
     twists = np.zeros((n_scans, 3))
@@ -204,6 +206,8 @@ def register(
             sums,
             lines,
             field,
+            laser_index,
+            last_keys,
             ring,
             state,
             poses,

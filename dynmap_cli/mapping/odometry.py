@@ -41,6 +41,9 @@ class Calibration:
         The same for the shift.
     reversible : bool
         The odometry has no sign: the robot reverses, the odometry never does.
+    sweep : str
+        In which order the beams of a sweep were seen to be made: "first to last", "last to first", or "at once"
+        where the scans fit best without correction for the motion during the sweep.
     """
 
     lag_scans: float = 0.0
@@ -53,6 +56,7 @@ class Calibration:
     shift_noise_m: float = 0.01
     shift_noise_share: float = 0.2
     reversible: bool = False
+    sweep: str = "at once"
 
     def findings(self) -> list[str]:
         """Sentences for people: what is unusual about this odometry."""
@@ -72,6 +76,8 @@ class Calibration:
             lines.append(f"odometry distance: scale {self.translation_scale:.3f}")
         if self.reversible:
             lines.append("odometry never runs backwards although the robot does")
+        if self.sweep == "last to first":
+            lines.append("sweeps run from the last beam to the first")
         return lines
 
 
@@ -101,7 +107,9 @@ def corrected_motion(odometry: F64, times_s: F64, calibration: Calibration) -> F
     return motion
 
 
-def calibrate(odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversible: bool) -> Calibration:
+def calibrate(
+    odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversible: bool, in_seconds: bool = False
+) -> Calibration:
     """Estimate lag, scales, bias and noise from the steps that scan matching found.
 
     Parameters
@@ -115,6 +123,8 @@ def calibrate(odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversi
         Scans whose match can be trusted.
     reversible : bool
         Shifts are compared without their sign.
+    in_seconds : bool
+        Whether the lag is to be given in seconds in any case.
     """
     steps = between(matched[:-1], matched[1:])
     usable = (
@@ -127,7 +137,7 @@ def calibrate(odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversi
         return Calibration(reversible=reversible)
     lag_scans, loss_scans = _best_lag(odometry, times_s, steps, usable, in_seconds=False)
     lag_s, loss_s = _best_lag(odometry, times_s, steps, usable, in_seconds=True)
-    if loss_s < _CLEARLY_LESS * loss_scans:
+    if in_seconds or loss_s < _CLEARLY_LESS * loss_scans:
         lag_scans = 0.0
     else:
         lag_s = 0.0

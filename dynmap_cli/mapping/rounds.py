@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
-from dynmap_cli.counting.counts import Rays, frame_of_scans, rays_of
+from dynmap_cli.counting.counts import Rays, frame_of_scans, rays_of, twists_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, filter_beams
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
@@ -27,7 +27,9 @@ _CALIBRATION_SCANS = 4000
 _FIRST_PASS = Calibration(
     turn_noise_rad=0.05, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
 )
-_GOOD_SHARE = 0.7
+_GOOD_SHARE, _CLEAR_GAIN = 0.7, 0.003
+_SWEEP_SCANS = 1000
+_SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,8 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
     for number in range(settings.max_rounds):
         before, poses = poses, registrar.poses(weights, f"round {number + 1} of {settings.max_rounds}")
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
-        filtered = filter_beams(log, poses, frame, params, threads=threads)
+        twists = twists_of(registrar.log, poses)
+        filtered = filter_beams(registrar.log, poses, frame, params, twists=twists, threads=threads)
         rounds.append(_round(filtered, weights, poses, before))
         _log.info("round %d: %.1f %% of the beams dynamic", number + 1, 100 * filtered.dynamic_share)
         weights = filtered.static_probability
@@ -110,7 +113,7 @@ class Registrar:
     """Registers the scans of one recording, again in every round, with the odometry calibrated once."""
 
     def __init__(self, log: ScanLog, settings: MapSettings) -> None:
-        self._log_of_scans, self._settings = log, settings
+        self.log, self._settings = log, settings
         self._rays: Rays = rays_of(log, settings.usable_range_m)
         self._params = FrontEndParams()
         self.calibration = Calibration()
@@ -121,10 +124,11 @@ class Registrar:
     def poses(self, weights: F32 | None, label: str) -> F64:
         """(n_scans, 3) poses in the order of the log, with the beams weighted by e (Eq. 1.11)."""
         if self._settings.poses == "recorded":
-            return np.array(self._log_of_scans.odometry)
-        sweeps = sweeps_of(self._log_of_scans, weights)
+            return np.array(self.log.odometry)
+        sweeps = sweeps_of(self.log, weights)
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
+            self.log = replace(self.log, beam_interval_s=self._rays.beam_interval_s)
             self._is_calibrated = True
         motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
@@ -132,26 +136,46 @@ class Registrar:
         self.lost_scans = int(front.is_lost.sum())
         self.graph = close_loops(sweeps, self._rays, front, LoopParams(), _note)
         poses = np.empty_like(front.poses)
-        poses[np.argsort(self._log_of_scans.arrival_index, kind="stable")] = spread_to_scans(
-            front, self.graph
-        )
+        poses[np.argsort(self.log.arrival_index, kind="stable")] = spread_to_scans(front, self.graph)
         return poses
 
     def _calibrate(self, sweeps: Sweeps) -> Calibration:
         """Match a first part of the recording with loose odometry and compare."""
         part = sweeps.first(_CALIBRATION_SCANS)
-        if not np.isfinite(part.odometry).all(axis=1).any():
-            return Calibration()
         motion = corrected_motion(part.odometry, part.times_s, Calibration())
+        sweep = self._find_sweep(part.first(_SWEEP_SCANS), motion[:_SWEEP_SCANS])
+        self._rays = replace(self._rays, beam_interval_s=_SWEEP_SIGNS[sweep] * self._rays.beam_interval_s)
+        if not np.isfinite(part.odometry).all(axis=1).any():
+            return Calibration(sweep=sweep)
         first_pass = self._register(part, motion, _FIRST_PASS)
         is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
-        return calibrate(
-            part.odometry,
-            part.times_s,
-            first_pass.poses,
-            is_good,
-            reversible=lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass)),
+        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass))
+        # Steps from one laser to another show how well their poses agree, not how the robot moved.
+        laser = self._rays.laser_index[part.geometry_index]
+        main = laser == np.bincount(laser).argmax()
+        found = calibrate(
+            part.odometry[main],
+            part.times_s[main],
+            first_pass.poses[main],
+            is_good[main],
+            reversible=reversible,
+            in_seconds=not main.all(),
         )
+        return replace(found, sweep=sweep)
+
+    def _find_sweep(self, part: Sweeps, motion: F64) -> str:
+        """In which order the beams of a sweep are made: the one with which the scans fit best."""
+        if not self._rays.beam_interval_s.any():
+            return "at once"
+        intervals = self._rays.beam_interval_s
+        shares = {}
+        for sweep, sign in _SWEEP_SIGNS.items():
+            self._rays = replace(self._rays, beam_interval_s=sign * intervals)
+            shares[sweep] = float(self._register(part, motion, _FIRST_PASS).shares.mean())
+        self._rays = replace(self._rays, beam_interval_s=intervals)
+        best = max(shares, key=lambda sweep: shares[sweep])
+        # Stamps and increments are to be believed unless the scans say otherwise.
+        return best if shares[best] > shares["first to last"] + _CLEAR_GAIN else "first to last"
 
     def _register(
         self, sweeps: Sweeps, motion: F64, calibration: Calibration, tick: Tick | None = None

@@ -90,7 +90,10 @@ def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
         "log_likelihood": round(filtered.log_likelihood, 3),
         "size_m": [round(frame.cols * frame.resolution_m, 2), round(frame.rows * frame.resolution_m, 2)],
         "lost_scans": result.lost_scans,
-        "calibration": {key: round(value, 6) for key, value in asdict(result.calibration).items()},
+        "calibration": {
+            key: round(value, 6) if isinstance(value, float) else value
+            for key, value in asdict(result.calibration).items()
+        },
     }
     lines = [
         f"{log.n_scans} scans along {summary['path_m']:.1f} m, map of "
