@@ -94,12 +94,9 @@ def _refresh_field(sums: I64, field: U8, row: int, col: int) -> None:
 
 @kernel
 def _refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
-    """Set a cell's centroid and the normal of the line through those around it; (0, 0) where there is no line."""
-    lines[row, col, :] = 0.0
-    if sums[row, col, 0] <= 0:
-        return
-    lines[row, col, 0] = float(sums[row, col, 1]) / sums[row, col, 0]
-    lines[row, col, 1] = float(sums[row, col, 2]) / sums[row, col, 0]
+    """Set the normal of the line through the centroids around a cell; (0, 0) where there is no line."""
+    lines[row, col, 2] = 0.0
+    lines[row, col, 3] = 0.0
     total = sx = sy = sxx = sxy = syy = 0.0
     cells = 0
     for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
@@ -139,6 +136,7 @@ def insert_points(
     cell_m: float,
     sums: I64,
     lines: F32,
+    stale: U8,
     field: U8,
 ) -> None:
     """Add the points of a scan to the local map (sign 1) or take them out again (sign -1).
@@ -158,6 +156,8 @@ def insert_points(
         Hits and sums of the offsets within the cell, fixed point.
     lines : (SIZE, SIZE, 4) float32
         Hit centroid of each cell, as offset within it, and normal of the line through its surroundings.
+    stale : (SIZE, SIZE) uint8
+        1 where the normal has to be found again; `point_to_line` does so where it needs one.
     field : (SIZE, SIZE) uint8
         Score for the correlative search.
     """
@@ -171,17 +171,23 @@ def insert_points(
         sums[r, c, 0] += sign * int(round(weights[k] * ONE))
         sums[r, c, 1] += sign * int(round(weights[k] * (x - col) * ONE))
         sums[r, c, 2] += sign * int(round(weights[k] * (y - row) * ONE))
-        if (before > 0) != (sums[r, c, 0] > 0):
+        hits = sums[r, c, 0]
+        if hits > 0:
+            lines[r, c, 0] = float(sums[r, c, 1]) / hits
+            lines[r, c, 1] = float(sums[r, c, 2]) / hits
+        if before <= 0 < hits:
+            for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                    score = int(HIT * math.exp(-0.35 * (dr * dr + dc * dc)))
+                    r2, c2 = (r + dr) & MASK, (c + dc) & MASK
+                    field[r2, c2] = max(int(field[r2, c2]), score)
+        elif hits <= 0 < before:
             for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
                 for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
                     _refresh_field(sums, field, (r + dr) & MASK, (c + dc) & MASK)
-    for k in range(count):
-        x = (pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m
-        y = (pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m
-        r, c = int(math.floor(y)) & MASK, int(math.floor(x)) & MASK
-        for dr in range(-1, 2):
-            for dc in range(-1, 2):
-                _refresh_line(sums, lines, (r + dr) & MASK, (c + dc) & MASK)
+        for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
+            for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
+                stale[(r + dr) & MASK, (c + dc) & MASK] = 1
 
 
 @kernel
@@ -193,7 +199,9 @@ def point_to_line(
     radius_cells: int,
     sigma_m: float,
     cell_m: float,
+    sums: I64,
     lines: F32,
+    stale: U8,
     field: U8,
     normal_matrix: F64,
     gradient: F64,
@@ -210,7 +218,7 @@ def point_to_line(
     pose : (3,) float64
     radius_cells : int
     sigma_m, cell_m : float
-    lines, field
+    sums, lines, stale, field
         The local map.
     normal_matrix : (3, 3) float64
         J^T W J, in 1 / m^2, 1 / m and 1.
@@ -249,6 +257,9 @@ def point_to_line(
                         best_x, best_y = ox, oy
         if best_r < 0:
             continue
+        if stale[best_r, best_c]:
+            _refresh_line(sums, lines, best_r, best_c)
+            stale[best_r, best_c] = 0
         nx, ny = float(lines[best_r, best_c, 2]), float(lines[best_r, best_c, 3])
         if nx == 0.0 and ny == 0.0:
             # No line here (a leg, a corner): pull towards the centroid itself, as a weak point.

@@ -76,7 +76,9 @@ def refine(
     match_weight: float,
     sigma_m: float,
     cell_m: float,
+    sums: I64,
     lines: F32,
+    stale: U8,
     field: U8,
     information: F64,
     out: F64,
@@ -100,7 +102,7 @@ def refine(
     match_weight : float
         nu, so that neighbouring beams do not count as independent.
     sigma_m, cell_m : float
-    lines, field
+    sums, lines, stale, field
         The local map.
     information : (3, 3) float64
         On return nu / sigma^2 * J^T W J of the last iteration, without the prior.
@@ -119,10 +121,22 @@ def refine(
     factor = match_weight / (sigma_m * sigma_m)
     share = 0.0
     for iteration in range(15):
-        scale = 5.0 * sigma_m if iteration < 2 else (3.0 * sigma_m if iteration < 4 else 2.0 * sigma_m)
-        radius = 3 if iteration < 3 else 2
+        scale = 5.0 * sigma_m if iteration < 2 else (3.0 * sigma_m if iteration < 3 else 2.0 * sigma_m)
+        radius = 3 if iteration < 2 else 2
         share = point_to_line(
-            points, weights, count, out, radius, scale, cell_m, lines, field, information, gradient
+            points,
+            weights,
+            count,
+            out,
+            radius,
+            scale,
+            cell_m,
+            sums,
+            lines,
+            stale,
+            field,
+            information,
+            gradient,
         )
         for i in range(3):
             for j in range(3):
@@ -137,7 +151,7 @@ def refine(
             break
         for i in range(3):
             out[i] += step[i]
-        if iteration >= 5 and abs(step[0]) + abs(step[1]) < 2e-4 and abs(step[2]) < 2e-5:
+        if iteration >= 3 and abs(step[0]) + abs(step[1]) < 2e-4 and abs(step[2]) < 2e-5:
             break
     return share
 
@@ -159,6 +173,7 @@ def register_scans(
     numbers: F64,
     sums: I64,
     lines: F32,
+    stale: U8,
     field: U8,
     laser_index: I64,
     last_keys: I64,
@@ -187,7 +202,7 @@ def register_scans(
         0 where the odometry says nothing: constant velocity is used.
     numbers : (N_NUMBERS,) float64
         See the names at the top.
-    sums, lines, field
+    sums, lines, stale, field
         The local map.
     laser_index : (n_geometries,) int64
         Which laser a geometry belongs to.
@@ -266,7 +281,7 @@ def register_scans(
             prior[2] = 1.0 / sigma_turn**2
             share = refine(
                 points, point_weights, count, predicted, predicted, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                lines, field, information[scan], narrow,
+                sums, lines, stale, field, information[scan], narrow,
             )  # fmt: skip
             if numbers[REVERSIBLE] > 0.0 and shift_m > 0.02:
                 start[0] = poses[scan - 1, 0] - cos * dx + sin * dy
@@ -274,7 +289,7 @@ def register_scans(
                 start[2] = predicted[2]
                 wide_share = refine(
                     points, point_weights, count, start, start, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    lines, field, trial, wide,
+                    sums, lines, stale, field, trial, wide,
                 )  # fmt: skip
                 loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
                 reversed_loss = fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, start, prior)
@@ -283,7 +298,9 @@ def register_scans(
                     narrow[:] = wide
                     predicted[:] = start
                     information[scan] = trial
-            needs_wide = turn_rad > numbers[WIDE_TURN] or share < numbers[GOOD_SHARE] or has_motion[scan] == 0
+            needs_wide = (
+                2.0 * sigma_turn > numbers[WIDE_TURN] or share < numbers[GOOD_SHARE] or has_motion[scan] == 0
+            )
             is_first = last_keys[laser_index[geometry]] < 0
             if needs_wide and count > 10 and not is_first:
                 flags[scan] |= WIDE
@@ -294,7 +311,7 @@ def register_scans(
                 correlate(points, count, predicted, angles, reach, 1, cell_m, field, scores, costs, start)
                 wide_share = refine(
                     points, point_weights, count, start, predicted, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    lines, field, trial, wide,
+                    sums, lines, stale, field, trial, wide,
                 )  # fmt: skip
                 loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
                 if fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, predicted, prior) < loss:
@@ -308,7 +325,7 @@ def register_scans(
                 correlate(points, count, predicted, angles, 24, 2, cell_m, field, scores, costs, start)
                 wide_share = refine(
                     points, point_weights, count, start, start, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    lines, field, trial, wide,
+                    sums, lines, stale, field, trial, wide,
                 )  # fmt: skip
                 loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
                 if (
@@ -338,7 +355,7 @@ def register_scans(
         if not is_key:
             continue
         flags[scan] |= KEY
-        insert_points(points, point_weights, count, poses[scan], 1, cell_m, sums, lines, field)
+        insert_points(points, point_weights, count, poses[scan], 1, cell_m, sums, lines, stale, field)
         ring[(state[0] + state[1]) % capacity] = scan
         state[1] += 1
         last_keys[laser_index[geometry]] = scan
@@ -365,6 +382,6 @@ def register_scans(
             for k in range(count):
                 e = float(weights[oldest, beams[k]])
                 point_weights[k] = 1.0 if math.isnan(e) else e
-            insert_points(points, point_weights, count, poses[oldest], -1, cell_m, sums, lines, field)
+            insert_points(points, point_weights, count, poses[oldest], -1, cell_m, sums, lines, stale, field)
             state[0] = (state[0] + 1) % capacity
             state[1] -= 1

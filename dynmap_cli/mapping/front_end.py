@@ -37,7 +37,7 @@ class FrontEndParams:
     independent_share : float
         Share of the points that counts as independent.
     wide_turn_rad : float
-        Correlative search after a larger turn.
+        Correlative search where the turn is less sure than this (two standard deviations).
     good_share, lost_share : float
         Matched share under which the correlative search helps, and under which a scan is lost.
     """
@@ -50,7 +50,7 @@ class FrontEndParams:
     n_keys: int = 80
     reach_m: float = 20.0
     independent_share: float = 1.0
-    wide_turn_rad: float = 0.05
+    wide_turn_rad: float = 0.08
     good_share: float = 0.75
     lost_share: float = 0.5
 
@@ -180,7 +180,7 @@ def register(
     has_motion: U8 = np.asarray(np.isfinite(motion).all(axis=1)).astype(np.uint8)
     sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
     lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
-    field = np.zeros((SIZE, SIZE), dtype=np.uint8)
+    stale, field = np.zeros((SIZE, SIZE), dtype=np.uint8), np.zeros((SIZE, SIZE), dtype=np.uint8)
     ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(3, dtype=np.int64)
     laser_index = rays.laser_index
     last_keys = np.full(laser_index.max() + 1, -1, dtype=np.int64)
@@ -205,6 +205,7 @@ def register(
             params.numbers(calibration),
             sums,
             lines,
+            stale,
             field,
             laser_index,
             last_keys,

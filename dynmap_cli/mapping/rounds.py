@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _CALIBRATION_SCANS = 4000
 _FIRST_PASS = Calibration(
-    turn_noise_rad=0.05, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
+    turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
 )
 _GOOD_SHARE, _CLEAR_GAIN = 0.7, 0.003
 _SWEEP_SCANS = 1000
