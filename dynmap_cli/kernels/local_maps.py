@@ -223,7 +223,7 @@ def search_coarse(
     """
     n_best = out.shape[0]
     found = 0
-    stride = max(1, count // 250)
+    stride = max(1, count // 150)
     used = (count + stride - 1) // stride
     side = 2 * reach_cells + 1
     n_angles = int(math.ceil(half_turn_rad / 0.03))

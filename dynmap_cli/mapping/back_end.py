@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,8 +13,8 @@ from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.kernels.local_maps import MATCHED, RESIDUAL, SEEN
 from dynmap_cli.mapping.front_end import Registered, Sweeps
-from dynmap_cli.mapping.local_maps import Easel, LocalMap, make_local_maps
-from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, LoopParams, LoopSearch
+from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
+from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, Edges, join_edges, no_edges, optimise
 
 _CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
@@ -23,7 +23,7 @@ _LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
 _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
 _RESIDUAL_M = 0.1
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
-_DENSE_ROUNDS = 2
+_DENSE_ROUNDS, _DENSE_STEPS = 2, 6
 _DENSE_MIN_SEEN, _DENSE_MIN_MATCHED, _DENSE_MAX_RESIDUAL_M = 0.3, 0.6, 0.05
 
 
@@ -39,7 +39,8 @@ class Graph:
     edges : Edges
     weights : (n_edges,) float64
         Robust weight of each edge, 0 to 1.
-    n_loops : int
+    loops : tuple of Loop
+        Between local maps, accepted.
     rejected : dict of str to int
         Loops that were tried and turned down, by reason.
     contradictions : float
@@ -50,7 +51,7 @@ class Graph:
     poses: F64
     edges: Edges
     weights: F64
-    n_loops: int = 0
+    loops: tuple[Loop, ...] = ()
     rejected: dict[str, int] = field(default_factory=dict)
     contradictions: float = 0.0
 
@@ -71,46 +72,90 @@ def close_loops(
         Told what was found, one sentence at a time.
     """
     keys = np.nonzero(front.is_key)[0].astype(np.int64)
-    poses = front.poses[keys]
-    chain = _chain_edges(front, keys)
     if keys.size < 3:
-        return Graph(keys, poses, chain, np.ones(len(chain)))
-    maps = make_local_maps(sweeps, rays, front.twists, keys, poses)
-    anchors = np.array([local_map.anchor for local_map in maps], dtype=np.int64)
+        chain = _chain_edges(front.poses[keys])
+        return Graph(keys, front.poses[keys], chain, np.ones(len(chain)))
+    maps = make_local_maps(sweeps, rays, front.twists, keys, front.poses[keys])
+    anchors = anchors_of(maps)
     search = LoopSearch(maps, params)
-    weights = np.ones(len(chain))
-    edges = chain
-    for number in range(MAX_ROUNDS):
-        new = search.round(poses[anchors], WINDOWS_M[min(number, len(WINDOWS_M) - 1)])
-        if new:
-            edges = join_edges(chain, _loop_edges(search, anchors))
-            poses, weights = optimise(poses, edges, _scales(edges))
-            note(f"loop round {number + 1}: {new} new loops, {len(search.loops)} in all")
-        elif number >= len(WINDOWS_M):
-            break
+    anchor_poses = _close_rounds(search, front.poses[keys], anchors, note)
+    poses = _spread(anchors, anchor_poses, front.poses[keys])
+    contradictions, _ = search.contradictions(anchor_poses)
+    graph = Graph(
+        keys,
+        poses,
+        no_edges(),
+        np.zeros(0),
+        tuple(search.loops),
+        dict(sorted(search.rejected.items())),
+        contradictions,
+    )
+    return refine_graph(sweeps, rays, front, graph, maps)
+
+
+def refine_graph(
+    sweeps: Sweeps, rays: Rays, front: Registered, graph: Graph, maps: list[LocalMap] | None = None
+) -> Graph:
+    """Fit each key scan on the local maps around it and optimise; twice, the second time on maps drawn anew.
+
+    Parameters
+    ----------
+    sweeps, rays, front
+        As for `close_loops`; the beams may have other weights than when the loops were found.
+    graph : Graph
+    maps : list of LocalMap, optional
+        Made with these weights and nearly these poses, for the first time.
+    """
+    keys, poses, edges, weights = graph.keys, graph.poses, graph.edges, graph.weights
+    if keys.size < 3:
+        return graph
     for _ in range(_DENSE_ROUNDS):
-        maps = make_local_maps(sweeps, rays, front.twists, keys, poses)
+        maps = maps or make_local_maps(sweeps, rays, front.twists, keys, poses)
+        anchors = anchors_of(maps)
         dense = _dense_edges(sweeps, rays, front.twists, keys, poses, maps, anchors)
-        edges = join_edges(chain, _loop_edges(search, anchors), dense)
-        poses, weights = optimise(poses, edges, _scales(edges), graduated=False)
-    share, _ = search.contradictions(poses[anchors])
-    return Graph(keys, poses, edges, weights, len(search.loops), dict(sorted(search.rejected.items())), share)
+        edges = join_edges(_chain_edges(front.poses[keys]), _loop_edges(graph.loops, anchors), dense)
+        poses, weights = optimise(poses, edges, _scales(edges), graduated=False, rounds=_DENSE_STEPS)
+        maps = None
+    return replace(graph, poses=poses, edges=edges, weights=weights)
 
 
 def spread_to_scans(front: Registered, graph: Graph) -> F64:
-    """Poses of all scans: between two key scans the correction is interpolated.
+    """Poses of all scans (n_scans, 3): between two key scans the correction is interpolated."""
+    return _spread(graph.keys, graph.poses, front.poses)
 
-    Returns
-    -------
-    (n_scans, 3) float64
+
+def _close_rounds(search: LoopSearch, key_poses: F64, anchors: I64, note: Callable[[str], None]) -> F64:
+    """Search loops in growing windows until nothing is new; returns the poses of the anchors, (n_maps, 3)."""
+    chain = _anchor_chain(key_poses, anchors)
+    poses = key_poses[anchors]
+    for number in range(MAX_ROUNDS):
+        new = search.round(poses, WINDOWS_M[min(number, len(WINDOWS_M) - 1)])
+        if new:
+            edges = join_edges(chain, _loop_edges(search.loops, np.arange(anchors.size)))
+            poses, _ = optimise(poses, edges, _scales(edges))
+            note(f"loop round {number + 1}: {new} new loops, {len(search.loops)} in all")
+        elif number >= len(WINDOWS_M):
+            break
+    return poses
+
+
+def _spread(nodes: I64, node_poses: F64, poses: F64) -> F64:
+    """Carry the correction of some poses over to those between them, interpolated.
+
+    Parameters
+    ----------
+    nodes : (n,) int64
+        Ascending rows of *poses* whose corrected pose is known.
+    node_poses : (n, 3) float64
+    poses : (m, 3) float64
     """
-    scans = np.arange(front.poses.shape[0])
-    before = np.clip(np.searchsorted(graph.keys, scans, side="right") - 1, 0, graph.keys.size - 1)
-    after = np.minimum(before + 1, graph.keys.size - 1)
-    from_before = compose(graph.poses[before], between(front.poses[graph.keys[before]], front.poses))
-    from_after = compose(graph.poses[after], between(front.poses[graph.keys[after]], front.poses))
-    span = np.maximum(graph.keys[after] - graph.keys[before], 1)
-    share = ((scans - graph.keys[before]) / span)[:, None]
+    rows = np.arange(poses.shape[0])
+    before = np.clip(np.searchsorted(nodes, rows, side="right") - 1, 0, nodes.size - 1)
+    after = np.minimum(before + 1, nodes.size - 1)
+    from_before = compose(node_poses[before], between(poses[nodes[before]], poses))
+    from_after = compose(node_poses[after], between(poses[nodes[after]], poses))
+    span = np.maximum(nodes[after] - nodes[before], 1)
+    share = np.clip((rows - nodes[before]) / span, 0.0, 1.0)[:, None]
     share[before == after] = 0.0
     delta = from_after - from_before
     delta[:, 2] = wrap_angle(delta[:, 2])
@@ -124,31 +169,52 @@ def _scales(edges: Edges) -> F64:
     return np.array([_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE])[edges.kind]
 
 
-def _chain_edges(front: Registered, keys: I64) -> Edges:
-    """Consecutive key scans; directions that the match does not know are left to the odometry in it."""
-    measured = between(front.poses[keys[:-1]], front.poses[keys[1:]])
+def _chain_edges(key_poses: F64) -> Edges:
+    """Consecutive key scans, as the front end saw them."""
+    measured, sigma_shift, sigma_turn = _chain_steps(key_poses)
+    numbers = np.arange(measured.shape[0], dtype=np.int64)
+    kind = np.full(numbers.size, CHAIN, dtype=np.uint8)
+    return Edges(numbers, numbers + 1, measured, _diagonal(sigma_shift, sigma_turn), kind)
+
+
+def _anchor_chain(key_poses: F64, anchors: I64) -> Edges:
+    """Consecutive anchors, with the uncertainty of all key scans between them."""
+    _, sigma_shift, sigma_turn = _chain_steps(key_poses)
+    measured = between(key_poses[anchors[:-1]], key_poses[anchors[1:]])
+    turn = np.sqrt(np.add.reduceat(sigma_turn**2, anchors[:-1]))
+    length = np.linalg.norm(measured[:, :2], axis=1)
+    shift = np.sqrt(np.add.reduceat(sigma_shift**2, anchors[:-1]) + (turn * length) ** 2 / 3.0)
+    numbers = np.arange(anchors.size - 1, dtype=np.int64)
+    kind = np.full(numbers.size, CHAIN, dtype=np.uint8)
+    return Edges(numbers, numbers + 1, measured, _diagonal(shift, turn), kind)
+
+
+def _chain_steps(key_poses: F64) -> tuple[F64, F64, F64]:
+    """Steps between consecutive key scans, (n - 1, 3), and their standard deviations of shift and turn."""
+    measured = between(key_poses[:-1], key_poses[1:])
     shift = np.linalg.norm(measured[:, :2], axis=1)
-    sigma_shift = _CHAIN_SHIFT_M + 0.02 * shift
-    sigma_turn = _CHAIN_TURN_RAD + 0.01 * np.abs(measured[:, 2])
-    information = np.zeros((keys.size - 1, 3, 3))
+    return measured, _CHAIN_SHIFT_M + 0.02 * shift, _CHAIN_TURN_RAD + 0.01 * np.abs(measured[:, 2])
+
+
+def _diagonal(sigma_shift: F64, sigma_turn: F64) -> F64:
+    """(m, 3, 3) information of independent shifts and turns."""
+    information = np.zeros((sigma_shift.size, 3, 3))
     information[:, 0, 0] = information[:, 1, 1] = 1.0 / sigma_shift**2
     information[:, 2, 2] = 1.0 / sigma_turn**2
-    numbers = np.arange(keys.size - 1, dtype=np.int64)
-    kind = np.full(keys.size - 1, CHAIN, dtype=np.uint8)
-    return Edges(numbers, numbers + 1, measured, information, kind)
+    return information
 
 
-def _loop_edges(search: LoopSearch, anchors: I64) -> Edges:
-    """Loops as edges between the anchors of their maps."""
-    if not search.loops:
+def _loop_edges(loops: Sequence[Loop], nodes: I64) -> Edges:
+    """Loops as edges between the nodes that stand for their local maps."""
+    if not loops:
         return no_edges()
-    fits = [loop.fit for loop in search.loops]
+    information = np.array([loop.fit.information for loop in loops]) / _RESIDUAL_M**2
     return Edges(
-        anchors[[loop.fixed for loop in search.loops]],
-        anchors[[loop.moved for loop in search.loops]],
-        np.array([fit.pose for fit in fits]),
-        _capped(np.array([fit.information for fit in fits]) / _RESIDUAL_M**2, _LOOP_SHIFT_M, _LOOP_TURN_RAD),
-        np.full(len(fits), LOOP, dtype=np.uint8),
+        nodes[[loop.fixed for loop in loops]],
+        nodes[[loop.moved for loop in loops]],
+        np.array([loop.fit.pose for loop in loops]),
+        _capped(information, _LOOP_SHIFT_M, _LOOP_TURN_RAD),
+        np.full(len(loops), LOOP, dtype=np.uint8),
     )
 
 

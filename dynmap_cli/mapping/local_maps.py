@@ -119,6 +119,11 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     return maps
 
 
+def anchors_of(maps: list[LocalMap]) -> I64:
+    """(n_maps,) numbers of the key scans in the middle of local maps."""
+    return np.array([local_map.anchor for local_map in maps], dtype=np.int64)
+
+
 class Easel:
     """Where one local map at a time is drawn, so that others can be fitted on it."""
 

@@ -102,11 +102,12 @@ class LoopSearch:
         detours = self._detours(poses)
         found: list[Loop] = []
         for fixed in range(len(self.maps)):
+            guesses = between(poses[fixed], poses[: fixed + 1])
             for moved in self._partners(poses, detours, fixed, window_m):
                 detour = float(detours[fixed, moved])
                 reach = float(np.clip(2.5 * (0.05 + self.params.drift_share * detour), 0.4, window_m))
                 turn = float(np.clip(2.5 * (0.015 + 0.002 * detour), 0.06, 0.7))
-                guess = between(poses[fixed], poses[moved])
+                guess = guesses[moved]
                 if self._was_tried(fixed, moved, reach, guess):
                     continue
                 self._tried[fixed, moved] = (reach, guess)
@@ -114,9 +115,11 @@ class LoopSearch:
                 if loop is not None:
                     found.append(loop)
         found = self._both_ways(found)
-        accepted = [loop for loop in found if self._has_companions(loop, found, poses)]
+        accepted = []
         for loop in found:
-            if loop not in accepted:
+            if self._has_companions(loop, found, poses):
+                accepted.append(loop)
+            else:
                 self._reject("no companion")
                 self._tried.pop((loop.fixed, loop.moved), None)
         self.loops += accepted

@@ -13,7 +13,7 @@ from dynmap_cli.counting.counts import Rays, frame_of_scans, rays_of, twists_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, filter_beams
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.mapping.back_end import Graph, close_loops, spread_to_scans
+from dynmap_cli.mapping.back_end import Graph, close_loops, refine_graph, spread_to_scans
 from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register, sweeps_of
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
@@ -29,6 +29,7 @@ _FIRST_PASS = Calibration(
 )
 _GOOD_SHARE, _CLEAR_GAIN = 0.7, 0.003
 _SWEEP_SCANS = 1000
+_FEW_DYNAMIC = 0.02
 _SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
 
 
@@ -120,12 +121,17 @@ class Registrar:
         self.graph: Graph | None = None
         self.lost_scans = 0
         self._is_calibrated = False
+        self._front: Registered | None = None
 
     def poses(self, weights: F32 | None, label: str) -> F64:
         """(n_scans, 3) poses in the order of the log, with the beams weighted by e (Eq. 1.11)."""
         if self._settings.poses == "recorded":
             return np.array(self.log.odometry)
         sweeps = sweeps_of(self.log, weights)
+        if self._front is not None and self.graph is not None and _few_are_dynamic(weights):
+            # Hardly anything was filtered: the registration stands, only the poses are fitted again.
+            self.graph = refine_graph(sweeps, self._rays, self._front, self.graph)
+            return self._in_log_order(spread_to_scans(self._front, self.graph))
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
             self.log = replace(self.log, beam_interval_s=self._rays.beam_interval_s)
@@ -134,10 +140,15 @@ class Registrar:
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
             front = self._register(sweeps, motion, self.calibration, tick)
         self.lost_scans = int(front.is_lost.sum())
+        self._front = front
         self.graph = close_loops(sweeps, self._rays, front, LoopParams(), _note)
-        poses = np.empty_like(front.poses)
-        poses[np.argsort(self.log.arrival_index, kind="stable")] = spread_to_scans(front, self.graph)
-        return poses
+        return self._in_log_order(spread_to_scans(front, self.graph))
+
+    def _in_log_order(self, poses: F64) -> F64:
+        """Sort poses from the order in which the sweeps were made into that of the log."""
+        sorted_poses = np.empty_like(poses)
+        sorted_poses[np.argsort(self.log.arrival_index, kind="stable")] = poses
+        return sorted_poses
 
     def _calibrate(self, sweeps: Sweeps) -> Calibration:
         """Match a first part of the recording with loose odometry and compare."""
@@ -182,6 +193,14 @@ class Registrar:
     ) -> Registered:
         arguments = (sweeps, self._rays, motion, calibration, self._params)
         return register(*arguments) if tick is None else register(*arguments, tick)
+
+
+def _few_are_dynamic(weights: F32 | None) -> bool:
+    """Whether so few beams were taken out that they cannot have misled the registration."""
+    if weights is None:
+        return False
+    ended = np.isfinite(weights)
+    return int((weights < 0.5).sum()) < _FEW_DYNAMIC * int(ended.sum())
 
 
 def _fixes_position(registered: Registered) -> B1:

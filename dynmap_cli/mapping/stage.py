@@ -102,10 +102,10 @@ def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
         *result.calibration.findings(),
     ]
     if result.graph is not None:
-        summary["loops"] = result.graph.n_loops
+        summary["loops"] = len(result.graph.loops)
         summary["rejected_loops"] = result.graph.rejected
         summary["contradictions"] = round(result.graph.contradictions, 4)
-        lines.append(f"{result.graph.n_loops} loops closed")
+        lines.append(f"{len(result.graph.loops)} loops closed")
         if result.graph.contradictions > _WRONG_MAP:
             lines.append(
                 f"warning: {100 * result.graph.contradictions:.0f} % of the places seen twice contradict each other "
