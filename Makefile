@@ -42,6 +42,7 @@ types: dev
 	$(BIN)/mypy
 
 bench: dev
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[peers]"
 	$(BIN)/python tests/bench/run.py
 
 samples: setup

@@ -18,8 +18,8 @@ from tests.golden.corridor import STATES, Corridor, paint_plain_map
 
 LANES: dict[str, LANE] = {
     "two_doors": {"repeat": 3},
-    "four_places": {"repeat": 6},
-    "only_doors": {"repeat": 2},
+    "four_places": {"repeat": 5},
+    "only_doors": {"repeat": 1},
     "office_days": {"repeat": 1, "days": 2},
 }
 OTHER_DAY = 100

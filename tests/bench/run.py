@@ -17,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.bench import beams, localization, machine, peers, real_logs, states
+from tests.bench import beams, kernels, localization, machine, peers, real_logs, states
 from tests.bench.measured import PROJECT, Jobs, dynmap
 from tests.bench.tables import Table
 from tests.bench.worlds import Bench
@@ -28,6 +28,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "states": states.tables,
     "localization": localization.tables,
     "peers": peers.tables,
+    "speed": kernels.tables,
 }
 RESULTS = Path(__file__).with_name("RESULTS.md")
 _BEGIN, _END = "<!-- bench:begin -->", "<!-- bench:end -->"

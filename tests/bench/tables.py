@@ -66,10 +66,11 @@ def percent(value: float, digits: int = 1) -> str:
 
 
 def banded(band: Band, digits: int = 3) -> str:
-    """Mean with its 5 and 95 % band."""
+    """Mean with its 5 and 95 % band; without where all are equal."""
     if not math.isfinite(band.mean):
         return "-"
-    return f"{band.mean:.{digits}f} ({band.low:.{digits}f} to {band.high:.{digits}f})"
+    mean, low, high = (f"{value:.{digits}f}" for value in (band.mean, band.low, band.high))
+    return mean if low == high else f"{mean} ({low} to {high})"
 
 
 def bands_of(scores: Sequence[Score]) -> dict[str, Band]:
