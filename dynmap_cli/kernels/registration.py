@@ -20,6 +20,10 @@ WIDE_TURN, GOOD_SHARE, LOST_SHARE, REVERSIBLE = 12, 13, 14, 15
 N_NUMBERS = 16
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.005, 2.0
 """The velocity during a scan is taken from the step to it where that lasted this long."""
+AS_PREDICTED, REVERSED, SEARCH, RECOVER = 0, 1, 2, 3
+"""The attempts at a scan, in order."""
+RECOVERY_GAIN = 0.15
+"""By how much of the points a lost scan must fit better somewhere else."""
 REVERSED_MARGIN = 3.0
 """By how much a step must fit better backwards: along a bare corridor both directions fit alike."""
 
@@ -226,8 +230,8 @@ def register_scans(
     points, beams, point_weights = np.empty((n_beams, 2)), np.empty(n_beams, np.int32), np.empty(n_beams)
     scores = np.empty((64, 64), np.int32)
     costs = np.empty(2)
-    predicted, narrow, wide, prior = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    start, trial = np.empty(3), np.empty((3, 3))
+    predicted, centre, start, found = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    best, prior, trial = np.empty(3), np.empty(3), np.empty((3, 3))
     cell_m, sigma_m = numbers[CELL], numbers[SIGMA]
     capacity = ring.size
     for scan in range(first, last):
@@ -279,68 +283,75 @@ def register_scans(
                 sigma_shift, sigma_turn = 0.05 + 0.3 * shift_m, 0.05 + 0.3 * turn_rad
             prior[0] = prior[1] = 1.0 / sigma_shift**2
             prior[2] = 1.0 / sigma_turn**2
-            share = refine(
-                points, point_weights, count, predicted, predicted, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                sums, lines, stale, field, information[scan], narrow,
-            )  # fmt: skip
-            if numbers[REVERSIBLE] > 0.0 and shift_m > 0.02:
-                start[0] = poses[scan - 1, 0] - cos * dx + sin * dy
-                start[1] = poses[scan - 1, 1] - sin * dx - cos * dy
-                start[2] = predicted[2]
-                wide_share = refine(
-                    points, point_weights, count, start, start, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    sums, lines, stale, field, trial, wide,
-                )  # fmt: skip
-                loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
-                reversed_loss = fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, start, prior)
-                if reversed_loss < loss - REVERSED_MARGIN:
-                    share = wide_share
-                    narrow[:] = wide
-                    predicted[:] = start
-                    information[scan] = trial
-            needs_wide = (
-                2.0 * sigma_turn > numbers[WIDE_TURN] or share < numbers[GOOD_SHARE] or has_motion[scan] == 0
-            )
             is_first = last_keys[laser_index[geometry]] < 0
-            if needs_wide and count > 10 and not is_first:
-                flags[scan] |= WIDE
-                half = min(max(2.0 * sigma_turn, 0.07), 0.35)
-                angles = np.arange(-half, half + 1e-9, 0.00873)
-                reach = int(min(max(2.5 * sigma_shift / cell_m, 4.0), 10.0))
-                costs[0], costs[1] = 0.3, 1.0
-                correlate(points, count, predicted, angles, reach, 1, cell_m, field, scores, costs, start)
-                wide_share = refine(
-                    points, point_weights, count, start, predicted, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    sums, lines, stale, field, trial, wide,
+            share = loss = 0.0
+            for attempt in range(4):
+                # Where to start: as predicted, backwards, by correlation around, or far around when lost.
+                start[:] = predicted
+                centre[:] = predicted
+                if attempt == REVERSED:
+                    if numbers[REVERSIBLE] == 0.0 or shift_m < 0.02:
+                        continue
+                    start[0] = poses[scan - 1, 0] - cos * dx + sin * dy
+                    start[1] = poses[scan - 1, 1] - sin * dx - cos * dy
+                    centre[:] = start
+                elif attempt > REVERSED:
+                    needed = share < numbers[LOST_SHARE]
+                    if attempt == SEARCH:
+                        needed = (
+                            2.0 * sigma_turn > numbers[WIDE_TURN]
+                            or share < numbers[GOOD_SHARE]
+                            or has_motion[scan] == 0
+                        )
+                    if not needed or is_first or count < 20:
+                        continue
+                    half, step_rad = min(max(2.0 * sigma_turn, 0.07), 0.35), 0.00873
+                    reach, step_cells = int(min(max(2.5 * sigma_shift / cell_m, 4.0), 10.0)), 1
+                    costs[0], costs[1] = 0.3, 1.0
+                    if attempt == RECOVER:
+                        half, step_rad = 1.05 if state[2] < 4 else math.pi, 0.0175
+                        reach, step_cells = 24, 2
+                        costs[0], costs[1] = 0.02, 0.05
+                    angles = np.arange(-half, half + 1e-9, step_rad)
+                    correlate(
+                        points,
+                        count,
+                        predicted,
+                        angles,
+                        reach,
+                        step_cells,
+                        cell_m,
+                        field,
+                        scores,
+                        costs,
+                        start,
+                    )
+                    flags[scan] |= WIDE
+                    if attempt == RECOVER:
+                        centre[:] = start
+                found_share = refine(
+                    points, point_weights, count, start, centre, prior, numbers[INDEPENDENT], sigma_m, cell_m,
+                    sums, lines, stale, field, trial, found,
                 )  # fmt: skip
-                loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
-                if fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, predicted, prior) < loss:
-                    share = wide_share
-                    narrow[:] = wide
+                if attempt != REVERSED:
+                    centre[:] = predicted
+                found_loss = fit_loss(found_share, weight_sum, numbers[INDEPENDENT], found, centre, prior)
+                if attempt == REVERSED:
+                    found_loss += REVERSED_MARGIN
+                is_better = attempt == AS_PREDICTED or found_loss < loss
+                if attempt == RECOVER and found_share < share + RECOVERY_GAIN:
+                    is_better = False
+                if is_better:
+                    share, loss = found_share, found_loss
+                    best[:] = found
                     information[scan] = trial
-            if share < numbers[LOST_SHARE] and count > 20 and not is_first:
-                half = 1.05 if state[2] < 4 else math.pi
-                angles = np.arange(-half, half, 0.0175)
-                costs[0], costs[1] = 0.02, 0.05
-                correlate(points, count, predicted, angles, 24, 2, cell_m, field, scores, costs, start)
-                wide_share = refine(
-                    points, point_weights, count, start, start, prior, numbers[INDEPENDENT], sigma_m, cell_m,
-                    sums, lines, stale, field, trial, wide,
-                )  # fmt: skip
-                loss = fit_loss(share, weight_sum, numbers[INDEPENDENT], narrow, predicted, prior)
-                if (
-                    wide_share > share + 0.15
-                    and fit_loss(wide_share, weight_sum, numbers[INDEPENDENT], wide, predicted, prior) < loss
-                ):
-                    share = wide_share
-                    narrow[:] = wide
-                    information[scan] = trial
+                    predicted[:] = centre
             if share < numbers[LOST_SHARE] and not is_first:
                 flags[scan] |= LOST
                 state[2] += 1
             else:
                 state[2] = 0
-            poses[scan] = narrow
+            poses[scan] = best
             shares[scan] = share
         else:
             shares[scan] = 1.0
