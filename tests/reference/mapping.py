@@ -115,3 +115,47 @@ def plain_residual(a, b, measured):
             math.atan2(math.sin(turn), math.cos(turn)),
         ]
     )
+
+
+def plain_coarse_field(points, coarse_m):
+    """Score of each coarse cell of a drawn local map: 255 at points, 120 next to them."""
+    field = {}
+    for x, y in points:
+        row, col = math.floor(y / coarse_m), math.floor(x / coarse_m)
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                value = 255 if dr == dc == 0 else 120
+                field[row + dr, col + dc] = max(field.get((row + dr, col + dc), 0), value)
+    return field
+
+
+def plain_judge(points, pose, drawn_points, drawn_normals, free, cell_m, free_cell_m):
+    """Shares matched, seen and in free space of moved points, point by point."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    matched = in_free = 0
+    half = free.shape[0] // 2
+    drawn_cells = {}
+    for k, (x, y) in enumerate(drawn_points):
+        drawn_cells[math.floor(y / cell_m), math.floor(x / cell_m)] = k
+    for px, py in points:
+        x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+        row, col = math.floor(y / cell_m), math.floor(x / cell_m)
+        fits = False
+        for dr in range(-2, 3):
+            for dc in range(-2, 3):
+                k = drawn_cells.get((row + dr, col + dc))
+                if k is None:
+                    continue
+                offset = np.array([x, y]) - drawn_points[k]
+                if drawn_normals[k].any():
+                    fits |= abs(drawn_normals[k] @ offset) < 0.08
+                else:
+                    fits |= np.hypot(*offset) < 0.08
+        if fits:
+            matched += 1
+            continue
+        row, col = math.floor(y / free_cell_m) + half, math.floor(x / free_cell_m) + half
+        if 0 <= row < free.shape[0] and 0 <= col < free.shape[1] and free[row, col]:
+            in_free += 1
+    n = len(points)
+    return matched / n, (matched + in_free) / n, in_free / n
