@@ -89,7 +89,13 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
     settings : MapSettings
     threads : int
     """
-    params = FilterParams(settings.static_prior, settings.support_cells, settings.usable_range_m, settings.em)
+    params = FilterParams(
+        settings.static_prior,
+        settings.support_cells,
+        settings.usable_range_m,
+        settings.em,
+        settings.stop_at_walls,
+    )
     registrar = Registrar(log, settings)
     weights: F32 | None = None
     poses: F64 | None = None

@@ -29,6 +29,10 @@ class MapSettings(BaseModel):
         "closed",
         description="Fixed point of the EM at fixed poses in closed form, or by iterated E- and M-steps.",
     )
+    stop_at_walls: bool = Field(
+        True,
+        description="A beam without return passes only up to the first wall that others see; the paper lets it pass on.",
+    )
     max_rounds: int = Field(2, ge=1, le=20, description="Rounds of registration and filtering at most.")
     stop_label_share: float = Field(
         0.001, ge=0.0, le=1.0, description="Stop when fewer labels than this share change in a round."
