@@ -31,7 +31,7 @@ class MapSettings(BaseModel):
     )
     stop_at_walls: bool = Field(
         True,
-        description="A beam without return passes only up to the first wall that others see; the paper lets it pass on.",
+        description="A beam without return passes only up to the first wall others see; in the paper it passes on.",
     )
     max_rounds: int = Field(2, ge=1, le=20, description="Rounds of registration and filtering at most.")
     stop_label_share: float = Field(
