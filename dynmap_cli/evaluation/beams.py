@@ -70,7 +70,9 @@ def plain_map_labels(run: Run, *, threads: int = 1) -> I8:
 
 def paper_labels(run: Run, *, threads: int = 1) -> I8:
     """Ablation: the paper to the letter, where only the end cell itself supports a beam."""
-    params = FilterParams(run.settings["static_prior"], 0, run.settings["usable_range_m"], stop_at_walls=False)
+    params = FilterParams(
+        run.settings["static_prior"], 0, run.settings["usable_range_m"], stop_at_walls=False
+    )
     filtered = filter_beams(run.log, run.poses, _frame(run), params, threads=threads)
     return labels_of(filtered.static_probability)
 
