@@ -69,7 +69,9 @@ def collect_local_map(
     end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
     touched = np.empty((points.shape[0], 2), np.int32)
     count = 0
-    free[:] = 0
+    for row in range(FREE_SIDE):
+        for col in range(FREE_SIDE):
+            free[row, col] = 0
     half_free = FREE_SIDE // 2
     for s in range(scans.size):
         scan = scans[s]
@@ -153,7 +155,8 @@ def collect_local_map(
             for c in range(max(col - 1, 0), min(col + 2, FREE_SIDE)):
                 free[r, c] = 0
     for k in range(count):
-        sums[touched[k, 0], touched[k, 1], :] = 0
+        for i in range(3):
+            sums[touched[k, 0], touched[k, 1], i] = 0
     return count
 
 
@@ -230,7 +233,9 @@ def search_coarse(
     for a in range(-n_angles, n_angles + 1):
         yaw = guess[2] + a * 0.03
         cos, sin = math.cos(yaw), math.sin(yaw)
-        scores[:side, :side] = 0
+        for i in range(side):
+            for j in range(side):
+                scores[i, j] = 0
         for k in range(0, count, stride):
             col = (
                 int(math.floor((guess[0] + cos * points[k, 0] - sin * points[k, 1]) / COARSE_M)) - reach_cells
@@ -270,7 +275,8 @@ def search_coarse(
                     place = found if found < n_best else n_best - 1
                     found = min(found + 1, n_best)
                 while place > 0 and out[place - 1, 3] < score:
-                    out[place] = out[place - 1]
+                    for b in range(4):
+                        out[place, b] = out[place - 1, b]
                     place -= 1
                 out[place, 0], out[place, 1], out[place, 2], out[place, 3] = x, y, yaw, score
     return found
@@ -336,7 +342,9 @@ def refine_local_map(
     for iteration in range(12):
         scale = 0.06 if polish or iteration > 2 else 0.12
         radius = 2 if polish or iteration > 2 else 3
-        information[:] = 0.0
+        for i in range(3):
+            for j in range(3):
+                information[i, j] = 0.0
         gx = gy = gt = squared = weight_sum = 0.0
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         for k in range(0, count, stride):

@@ -230,8 +230,10 @@ def point_to_line(
     float
         Weighted mean of 1 / (1 + (r / sigma)^2)^2 over all points; unmatched points count 0.
     """
-    normal_matrix[:] = 0.0
-    gradient[:] = 0.0
+    for i in range(3):
+        gradient[i] = 0.0
+        for j in range(3):
+            normal_matrix[i, j] = 0.0
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     total, matched = 1e-12, 0.0
     for k in range(count):
@@ -299,7 +301,7 @@ def point_to_line(
 
 @kernel
 def correlate(
-    points: F64, count: int, pose: F64, angles_rad: F64, reach_cells: int, step_cells: int, cell_m: float, field: U8,
+    points: F64, count: int, pose: F64, half_turn_rad: float, step_rad: float, reach_cells: int, step_cells: int, cell_m: float, field: U8,
     scores: I32, costs: F64, out: F64,
 ) -> float:  # fmt: skip
     """Find the best pose on a lattice around a start by summing the score field at all points.
@@ -310,8 +312,8 @@ def correlate(
         As for `insert_points`.
     pose : (3,) float64
         Centre of the lattice.
-    angles_rad : (n_angles,) float64
-        Turns that are tried.
+    half_turn_rad, step_rad : float
+        Turns -half, -half + step, ... are tried.
     reach_cells, step_cells : int
         Shifts -reach, -reach + step, ... are tried along x and y.
     cell_m : float
@@ -331,9 +333,12 @@ def correlate(
     side = 2 * (reach_cells // step_cells) + 1
     first = -(reach_cells // step_cells) * step_cells
     best, best_score = -1e9, 0.0
-    for angle in angles_rad:
+    for turn in range(int(math.floor(2.0 * half_turn_rad / step_rad + 1e-9)) + 1):
+        angle = -half_turn_rad + turn * step_rad
         cos, sin = math.cos(pose[2] + angle), math.sin(pose[2] + angle)
-        scores[:side, :side] = 0
+        for i in range(side):
+            for j in range(side):
+                scores[i, j] = 0
         for k in range(count):
             col = int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m))
             row = int(math.floor((pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m))

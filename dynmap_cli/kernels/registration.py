@@ -29,6 +29,13 @@ REVERSED_MARGIN = 3.0
 
 
 @kernel
+def _copy3(source: F64, target: F64) -> None:
+    """Copy three numbers; slices take much longer to compile."""
+    for i in range(3):
+        target[i] = source[i]
+
+
+@kernel
 def _solve3(a: F64, b: F64, out: F64) -> bool:
     """Solve a 3 x 3 symmetric positive definite system by Cholesky; False where it is not definite."""
     l00 = a[0, 0]
@@ -121,7 +128,7 @@ def refine(
     gradient = np.empty(3)
     step = np.empty(3)
     system = np.empty((3, 3))
-    out[:] = start
+    _copy3(start, out)
     factor = match_weight / (sigma_m * sigma_m)
     share = 0.0
     for iteration in range(15):
@@ -238,7 +245,7 @@ def register_scans(
         flags[scan] = 0
         # Prediction: odometry, or the motion of the step before.
         dx = dy = turn = 0.0
-        twists[scan] = 0.0
+        twists[scan, 0] = twists[scan, 1] = twists[scan, 2] = 0.0
         if scan > 0:
             if has_motion[scan] > 0:
                 dx, dy, turn = motion[scan, 0], motion[scan, 1], motion[scan, 2]
@@ -287,14 +294,14 @@ def register_scans(
             share = loss = 0.0
             for attempt in range(4):
                 # Where to start: as predicted, backwards, by correlation around, or far around when lost.
-                start[:] = predicted
-                centre[:] = predicted
+                _copy3(predicted, start)
+                _copy3(predicted, centre)
                 if attempt == REVERSED:
                     if numbers[REVERSIBLE] == 0.0 or shift_m < 0.02:
                         continue
                     start[0] = poses[scan - 1, 0] - cos * dx + sin * dy
                     start[1] = poses[scan - 1, 1] - sin * dx - cos * dy
-                    centre[:] = start
+                    _copy3(start, centre)
                 elif attempt > REVERSED:
                     needed = share < numbers[LOST_SHARE]
                     if attempt == SEARCH:
@@ -312,12 +319,12 @@ def register_scans(
                         half, step_rad = 1.05 if state[2] < 4 else math.pi, 0.0175
                         reach, step_cells = 24, 2
                         costs[0], costs[1] = 0.02, 0.05
-                    angles = np.arange(-half, half + 1e-9, step_rad)
                     correlate(
                         points,
                         count,
                         predicted,
-                        angles,
+                        half,
+                        step_rad,
                         reach,
                         step_cells,
                         cell_m,
@@ -328,13 +335,13 @@ def register_scans(
                     )
                     flags[scan] |= WIDE
                     if attempt == RECOVER:
-                        centre[:] = start
+                        _copy3(start, centre)
                 found_share = refine(
                     points, point_weights, count, start, centre, prior, numbers[INDEPENDENT], sigma_m, cell_m,
                     sums, lines, stale, field, trial, found,
                 )  # fmt: skip
                 if attempt != REVERSED:
-                    centre[:] = predicted
+                    _copy3(predicted, centre)
                 found_loss = fit_loss(found_share, weight_sum, numbers[INDEPENDENT], found, centre, prior)
                 if attempt == REVERSED:
                     found_loss += REVERSED_MARGIN
@@ -343,9 +350,10 @@ def register_scans(
                     is_better = False
                 if is_better:
                     share, loss = found_share, found_loss
-                    best[:] = found
-                    information[scan] = trial
-                    predicted[:] = centre
+                    _copy3(found, best)
+                    _copy3(centre, predicted)
+                    for i in range(3):
+                        _copy3(trial[i], information[scan, i])
             if share < numbers[LOST_SHARE] and not is_first:
                 flags[scan] |= LOST
                 state[2] += 1
@@ -355,7 +363,6 @@ def register_scans(
             shares[scan] = share
         else:
             shares[scan] = 1.0
-            information[scan] = 0.0
         # Key scans enter the local map; the oldest leave it.
         key = last_keys[laser_index[geometry]]
         is_key = key < 0

@@ -113,13 +113,14 @@ def test_normal_equations_match_the_plain_sum(room, torus, seed):
 
 def test_correlative_search_finds_what_trying_everything_finds(room, torus):
     points = to_robot(room[::20], np.array([0.1, -0.05, 0.06]))
-    angles = np.arange(-0.1, 0.11, 0.02)
+    angles = -0.1 + 0.02 * np.arange(11)
     costs, out = np.array([0.3, 1.0]), np.empty(3)
     score = correlate(
         points,
         len(points),
         np.zeros(3),
-        angles,
+        0.1,
+        0.02,
         4,
         1,
         CELL,
