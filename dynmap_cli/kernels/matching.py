@@ -301,9 +301,19 @@ def point_to_line(
 
 @kernel
 def correlate(
-    points: F64, count: int, pose: F64, half_turn_rad: float, step_rad: float, reach_cells: int, step_cells: int, cell_m: float, field: U8,
-    scores: I32, costs: F64, out: F64,
-) -> float:  # fmt: skip
+    points: F64,
+    count: int,
+    pose: F64,
+    half_turn_rad: float,
+    step_rad: float,
+    reach_cells: int,
+    step_cells: int,
+    cell_m: float,
+    field: U8,
+    scores: I32,
+    costs: F64,
+    out: F64,
+) -> float:
     """Find the best pose on a lattice around a start by summing the score field at all points.
 
     Parameters
