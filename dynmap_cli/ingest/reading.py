@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F64
+from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
@@ -34,7 +34,6 @@ from dynmap_cli.ingest.odometry import (
     ends_without_odometry,
     find_base,
     find_odometry,
-    path_length_m,
 )
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording
@@ -45,7 +44,7 @@ from dynmap_cli.ingest.wean import read_wean
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
-_ZIGZAG = 1.1
+_ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False)
 
 
@@ -90,7 +89,7 @@ def merge_recordings(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
     poses = _cut_ends(columns, odometry, joined)
-    stamps_jump = _stamps_jump(odometry, poses, out_of_order, joined) and len(used) == 1
+    stamps_jump = _stamps_jump(columns, out_of_order, joined)
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
     bearings_rad = _bearing_table(columns, mountings)
     verdicts = [
@@ -188,16 +187,25 @@ def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64
     return poses
 
 
-def _stamps_jump(odometry: Odometry, poses: F64, out_of_order: int, joined: RawRecording) -> bool:
-    """Whether the odometry is clearly longer along the stamps than in the order of recording; says so."""
-    stamped_m = path_length_m(poses[np.isfinite(poses).all(axis=1)])
-    jump = bool(out_of_order and stamped_m > _ZIGZAG * odometry.path_m)
+def _stamps_jump(columns: Columns, out_of_order: int, joined: RawRecording) -> bool:
+    """Whether consecutive sweeps are clearly more alike in the order of recording than along their stamps; says so."""
+    if not out_of_order or len(columns.geometries) > 1:
+        return False
+    recorded = np.argsort(columns.reading_index, kind="stable")
+    clipped = np.minimum(np.nan_to_num(columns.ranges_m, nan=_ALIKE_RANGE_M), _ALIKE_RANGE_M)
+    along_stamps, as_recorded = _mean_change_m(clipped), _mean_change_m(clipped[recorded])
+    jump = along_stamps > _ZIGZAG * as_recorded
     if jump:
         joined.warnings.append(
-            f"the odometry is {stamped_m:.1f} m long along the stamps of the scans but {odometry.path_m:.1f} m in the "
-            "order of recording: some stamps are wrong by more than a scan; the order of recording is followed"
+            f"from scan to scan the ranges change by {along_stamps:.3f} m along the stamps but by {as_recorded:.3f} m "
+            "in the order of recording: some stamps are wrong by more than a scan; the order of recording is followed"
         )
     return jump
+
+
+def _mean_change_m(ranges_m: F32) -> float:
+    """Mean over the scans of the median change of a beam since the scan before."""
+    return float(np.median(np.abs(np.diff(ranges_m, axis=0)), axis=1).mean())
 
 
 def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:
