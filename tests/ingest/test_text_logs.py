@@ -126,6 +126,22 @@ def test_scans_stamped_before_their_predecessor_are_sorted_in_and_counted(tmp_pa
     assert any("sorted in" in line for line in report.lines())
 
 
+@pytest.mark.parametrize("odometry", [None, "none"])
+def test_where_stamps_jump_about_the_order_of_recording_is_kept(tmp_path, odometry):
+    """The robot drives towards a wall; some stamps are late by two scans, so their order is not that of the sweeps."""
+    late = {number: number + 2 for number in range(4, 36, 8)}
+    approach = 8.0 - 0.1 * np.arange(40)[:, None] + 0.01 * np.arange(180)
+    lines = [
+        carmen_line(np.round(ranges, 2), laser_of(robot, 0.0), robot, stamp_text(late.get(number, number)))
+        for number, (ranges, robot) in enumerate(zip(approach, robots(), strict=True))
+    ]
+    log, report = read_recordings([write(tmp_path / "a.log", lines)], IngestSettings(odom=odometry))
+    assert (np.diff(log.stamps_ns) >= 0).all()
+    in_order = np.argsort(log.arrival_index)
+    assert (np.diff(log.ranges_m[in_order, 0]) < 0).all()
+    assert any("order of recording is followed" in line for line in report.lines())
+
+
 def test_a_repeated_scan_is_dropped_and_counted(tmp_path):
     lines = flaser_lines()
     log, report = read_recordings([write(tmp_path / "a.log", [*lines[:7], lines[6], *lines[7:]])], SETTINGS)
