@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,14 +10,12 @@ import numpy as np
 
 from dynmap_cli.arrays import F32
 from dynmap_cli.domain.poses import between
+from dynmap_cli.files.ros_messages import ODOMETRY, SCAN, TRANSFORMS, MessageMaker, ScanFields
 from dynmap_cli.simulation.run import SimulatedRun
 from dynmap_cli.simulation.scenario import Laser
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
-
-SCAN, ODOMETRY, TRANSFORMS = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
-_COVARIANCE = np.diag([1e-3, 1e-3, 1e6, 1e6, 1e6, 1e-2]).ravel()
 
 
 class Recorded(NamedTuple):
@@ -41,7 +38,7 @@ def topics_of(run: SimulatedRun) -> dict[str, str]:
 
 def messages(run: SimulatedRun, store: Typestore) -> Iterator[Recorded]:
     """Yield all messages in the order of their arrival; a scan arrives when its last beam was measured."""
-    maker = _Maker(store)
+    maker = MessageMaker(store)
     yield from heapq.merge(
         _static_transforms(run, maker),
         _odometry(run, maker),
@@ -59,41 +56,12 @@ def reported_ranges(ranges_m: F32, laser: Laser) -> F32:
     return np.asarray(np.where(np.isnan(out), np.float32(0.0), out), dtype=np.float32)
 
 
-class _Maker:
-    """Makes messages of one distribution; ROS 1 headers have a number besides."""
-
-    def __init__(self, store: Typestore) -> None:
-        self.types = store.types
-        self.numbered = any(name == "seq" for name, _ in store.fielddefs["std_msgs/msg/Header"][1])
-
-    def make(self, name: str, *values: Any) -> Any:
-        """Make a message from the values of its fields, in order."""
-        return self.types[name](*values)
-
-    def header(self, stamp_ns: int, frame: str, number: int) -> Any:
-        """Make a header."""
-        stamp = self.make("builtin_interfaces/msg/Time", stamp_ns // 10**9, stamp_ns % 10**9)
-        first = (number,) if self.numbered else ()
-        return self.make("std_msgs/msg/Header", *first, stamp, frame)
-
-    def rotation(self, yaw_rad: float) -> Any:
-        """Make a quaternion that turns about z."""
-        half = 0.5 * yaw_rad
-        return self.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
-
-    def transform(self, header: Any, child: str, pose: list[float]) -> Any:
-        """Make a stamped transform."""
-        shift = self.make("geometry_msgs/msg/Vector3", pose[0], pose[1], 0.0)
-        moved = self.make("geometry_msgs/msg/Transform", shift, self.rotation(pose[2]))
-        return self.make("geometry_msgs/msg/TransformStamped", header, child, moved)
-
-
 def _scan_topic(run: SimulatedRun, laser: Laser) -> str:
     """`/scan`, or one topic for each of several lasers."""
     return "/scan" if len(run.scenario.lasers) == 1 else f"/{laser.name}/scan"
 
 
-def _static_transforms(run: SimulatedRun, maker: _Maker) -> Iterator[Recorded]:
+def _static_transforms(run: SimulatedRun, maker: MessageMaker) -> Iterator[Recorded]:
     """Yield where the lasers sit, once."""
     if run.log.n_scans == 0:
         return
@@ -103,10 +71,10 @@ def _static_transforms(run: SimulatedRun, maker: _Maker) -> Iterator[Recorded]:
         maker.transform(maker.header(stamp_ns, "base_link", 0), laser.name, pose)
         for laser, pose in zip(run.scenario.lasers, poses, strict=True)
     ]
-    yield Recorded(stamp_ns, "/tf_static", TRANSFORMS, maker.make(TRANSFORMS, transforms))
+    yield Recorded(stamp_ns, "/tf_static", TRANSFORMS, maker.transforms(transforms))
 
 
-def _odometry(run: SimulatedRun, maker: _Maker) -> Iterator[Recorded]:
+def _odometry(run: SimulatedRun, maker: MessageMaker) -> Iterator[Recorded]:
     """Yield odometry and the same as a transform."""
     series = run.odometry
     if series.stamps_ns.size == 0:
@@ -117,36 +85,22 @@ def _odometry(run: SimulatedRun, maker: _Maker) -> Iterator[Recorded]:
     rows = zip(series.stamps_ns.tolist(), series.poses.tolist(), speeds, strict=True)
     for number, (stamp_ns, pose, speed) in enumerate(rows):
         header = maker.header(stamp_ns, "odom", number)
-        place = maker.make("geometry_msgs/msg/Point", pose[0], pose[1], 0.0)
-        at = maker.make("geometry_msgs/msg/Pose", place, maker.rotation(pose[2]))
-        ahead = maker.make("geometry_msgs/msg/Vector3", speed[0], speed[1], 0.0)
-        turn = maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, speed[2])
-        twist = maker.make("geometry_msgs/msg/Twist", ahead, turn)
-        message = maker.make(
-            ODOMETRY,
-            header,
-            "base_link",
-            maker.make("geometry_msgs/msg/PoseWithCovariance", at, _COVARIANCE),
-            maker.make("geometry_msgs/msg/TwistWithCovariance", twist, _COVARIANCE),
-        )
+        message = maker.odometry(header, "base_link", pose, speed)
         yield Recorded(stamp_ns, "/odom", ODOMETRY, message)
         moved = maker.transform(header, "base_link", pose)
-        yield Recorded(stamp_ns, "/tf", TRANSFORMS, maker.make(TRANSFORMS, [moved]))
+        yield Recorded(stamp_ns, "/tf", TRANSFORMS, maker.transforms([moved]))
 
 
-def _scans(run: SimulatedRun, maker: _Maker) -> Iterator[Recorded]:
+def _scans(run: SimulatedRun, maker: MessageMaker) -> Iterator[Recorded]:
     """Yield the sweeps of all lasers in the order of their ends."""
     log, lasers = run.log, run.scenario.lasers
     sweeps_ns = np.array([round(laser.beam_interval_s * (laser.beams - 1) * 1e9) for laser in lasers])
     ends_ns = log.stamps_ns + sweeps_ns[log.geometry_index]
     numbers = [0] * len(lasers)
-    empty = np.empty(0, dtype=np.float32)
     for row in np.argsort(ends_ns, kind="stable").tolist():
         which = int(log.geometry_index[row])
         laser, bearings = lasers[which], log.bearings_rad[which]
-        message = maker.make(
-            SCAN,
-            maker.header(int(log.stamps_ns[row]), laser.name, numbers[which]),
+        fields = ScanFields(
             float(bearings[0]),
             float(bearings[laser.beams - 1]),
             float(bearings[1] - bearings[0]),
@@ -154,8 +108,8 @@ def _scans(run: SimulatedRun, maker: _Maker) -> Iterator[Recorded]:
             1.0 / laser.rate_hz,
             laser.min_range_m,
             laser.max_range_m,
-            reported_ranges(log.ranges_m[row, : laser.beams], laser),
-            empty,
         )
+        header = maker.header(int(log.stamps_ns[row]), laser.name, numbers[which])
+        message = maker.scan(header, fields, reported_ranges(log.ranges_m[row, : laser.beams], laser))
         numbers[which] += 1
         yield Recorded(int(ends_ns[row]), _scan_topic(run, laser), SCAN, message)

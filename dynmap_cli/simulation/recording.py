@@ -7,21 +7,12 @@ from typing import Any
 
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.atomic import replacing
+from dynmap_cli.files.ros_messages import LATCHED_QOS
 from dynmap_cli.simulation.carmen import write_carmen
 from dynmap_cli.simulation.messages import messages, topics_of
 from dynmap_cli.simulation.run import SimulatedRun
 
 SUFFIXES = (".mcap", ".bag", ".log", ".clf")
-_LATCHED_QOS = """- history: 1
-  depth: 1
-  reliability: 1
-  durability: 1
-  deadline: {sec: 9223372036, nsec: 854775807}
-  lifespan: {sec: 9223372036, nsec: 854775807}
-  liveliness: 1
-  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
-  avoid_ros_namespace_conventions: false
-"""
 
 
 def check_suffix(path: Path) -> None:
@@ -66,7 +57,7 @@ def _write_mcap(path: Path, run: SimulatedRun) -> None:
             if message_type not in schemas:
                 definition, _ = store.generate_msgdef(message_type, ros_version=2)
                 schemas[message_type] = writer.register_schema(message_type, "ros2msg", definition.encode())
-            metadata = {"offered_qos_profiles": _LATCHED_QOS} if topic == "/tf_static" else {}
+            metadata = {"offered_qos_profiles": LATCHED_QOS} if topic == "/tf_static" else {}
             channels[topic] = writer.register_channel(topic, "cdr", schemas[message_type], metadata)
         counts = dict.fromkeys(channels, 0)
         for entry in messages(run, store):
