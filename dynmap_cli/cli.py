@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import io
 import sys
+from typing import Any
 
 import click
 
@@ -17,6 +19,7 @@ VERBS = (
     "segment",
     "cluster",
     "localize",
+    "clean",
     "info",
     "simulate",
     "evaluate",
@@ -50,6 +53,13 @@ class DynmapGroup(click.Group):
         module = importlib.import_module(f"dynmap_cli.commands.{cmd_name}")
         command: click.Command = module.command
         return command
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Let no name of a file break an output that cannot show it."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")
+        return super().main(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the chosen verb."""

@@ -13,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from dynmap_cli.clustering.settings import ClusteringSettings
 from dynmap_cli.errors import ConfigError
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.mapping.settings import MapSettings
@@ -22,9 +24,9 @@ from dynmap_cli.segmentation.settings import SegmentationSettings
 class Config(BaseModel):
     """All settings, one section per room."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    seed: int = Field(0, ge=0, description="Seed of everything random.")
+    seed: int = Field(0, ge=0, lt=2**63, description="Seed of everything random.")
     ingest: IngestSettings = IngestSettings()
     map: MapSettings = MapSettings()
     segmentation: SegmentationSettings = SegmentationSettings()
@@ -86,9 +88,9 @@ def parse_assignments(words: Sequence[str]) -> dict[str, Any]:
             msg = f"--set {word}: expected section.key=value, for instance map.resolution_m=0.1"
             raise ConfigError(msg)
         try:
-            assignments[key.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError as err:
-            msg = f"--set {word}: the value is not YAML ({str(err).splitlines()[0]})"
+            assignments[key.strip()] = parse_yaml(value)
+        except ValueError as err:
+            msg = f"--set {word[:80]}: the value cannot be read ({reason(err)})"
             raise ConfigError(msg) from err
     return assignments
 
@@ -108,12 +110,9 @@ def known_keys() -> dict[str, str]:
 def _read_yaml(path: Path) -> dict[str, Any]:
     """Read a settings file as a mapping."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: settings cannot be read ({err})"
-        raise ConfigError(msg) from err
-    except yaml.YAMLError as err:
-        msg = f"{path}: not YAML ({' '.join(str(err).split())})"
+        content = parse_yaml(read_text(path))
+    except (OSError, ValueError) as err:
+        msg = f"{path}: settings cannot be read ({reason(err)})"
         raise ConfigError(msg) from err
     if content is None:
         return {}
@@ -132,7 +131,7 @@ def _flat(content: dict[str, Any], path: Path) -> dict[str, Any]:
         elif value is None and section in Config.model_fields and section != "seed":
             continue
         elif section in Config.model_fields and section != "seed":
-            msg = f"{path}: '{section}' is a section of 'key: value' lines, found {value!r}"
+            msg = f"{path}: '{section}' is a section of 'key: value' lines, found {_short(value)}"
             raise ConfigError(msg)
         else:
             flat[str(section)] = value
@@ -143,13 +142,13 @@ def _assign(values: dict[str, Any], key: str, value: Any) -> None:
     """Set one dotted key after checking that it exists."""
     known = known_keys()
     if key not in known:
-        names = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        names = difflib.get_close_matches(key[:80], known, n=1, cutoff=0.5)
         hint = f", did you mean '{names[0]}'?" if names else ""
         section, dot, last = key.partition(".")
         if names and dot and names[0].startswith(section + "."):
             hint = f" in section '{section}', did you mean '{names[0].partition('.')[2]}'?"
             key = last
-        msg = f"unknown setting '{key}'{hint} `dynmap config show` lists all"
+        msg = f"unknown setting '{key[:80]}'{hint} `dynmap config show` lists all"
         raise ConfigError(msg)
     section, dot, last = key.partition(".")
     if dot:
@@ -163,7 +162,13 @@ def _explain(err: ValidationError, origins: dict[str, str]) -> str:
     first = err.errors()[0]
     key = ".".join(str(part) for part in first["loc"][:2])
     where = origins.get(key, "settings")
-    return f"{where}: {key} = {first.get('input')!r} is not allowed: {first['msg']} ({known_keys().get(key, '')})"
+    return f"{where}: {key} = {_short(first.get('input'))} is not allowed: {first['msg']} ({known_keys().get(key, '')})"
+
+
+def _short(value: object) -> str:
+    """What was found, in few words."""
+    words = repr(value)
+    return words if len(words) <= 80 else f"{words[:77]}..."
 
 
 def as_commented_yaml(loaded: LoadedConfig) -> str:

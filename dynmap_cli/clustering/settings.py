@@ -8,10 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field
 class ClusteringSettings(BaseModel):
     """How the states of each sub-map are learned."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     sequence_s: float = Field(
-        30.0, gt=0, le=3600.0, description="A new observation sequence starts after this time, seconds."
+        30.0, ge=0.5, le=3600.0, description="A new observation sequence starts after this time, seconds."
     )
     near_m: float = Field(
         2.0, ge=0, le=30.0, description="The robot is in a sub-map within this distance of it, metres."

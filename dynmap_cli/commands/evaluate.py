@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynmap_cli.commands.options import PATH, print_summary, set_up_logging
+from dynmap_cli.commands.options import MAX_SEED, MAX_THREADS, PATH, print_summary, set_up_logging
 
 if TYPE_CHECKING:
     from dynmap_cli.evaluation.scores import Score
@@ -32,7 +32,9 @@ def output_options(function: Function) -> Function:
 
     @click.option("--json", "as_json", is_flag=True, help="Write JSON to stdout.")
     @click.option("--plot", "plot_path", metavar="FILE.png", type=PATH, help="Draw a figure as well.")
-    @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the bootstrap (default 0).")
+    @click.option(
+        "--seed", type=click.IntRange(0, MAX_SEED), default=0, help="Seed of the bootstrap (default 0)."
+    )
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
     @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
     @functools.wraps(function)
@@ -111,7 +113,7 @@ def trajectory_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list
 
 @command.command("beams")
 @click.argument("paths", metavar="[RUN TRUTH]...", nargs=-1, required=True, type=PATH)
-@click.option("--threads", type=click.IntRange(min=1), default=1, help="Threads to use (default 1).")
+@click.option("--threads", type=click.IntRange(1, MAX_THREADS), default=1, help="Threads to use (default 1).")
 @output_options
 def beams_command(paths: tuple[Path, ...], threads: int) -> tuple[list[Score], Plot, list[str]]:
     """Compare the label of every beam with what it really hit; two ablations at the same poses beside it.

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Function = Callable[..., Any]
 PATH = click.Path(path_type=Path)
+MAX_THREADS = 1024
+MAX_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +52,10 @@ def shared_options(function: Function) -> Function:
     @click.option(
         "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated."
     )
-    @click.option("--seed", type=click.IntRange(min=0), help="Seed of everything random (default 0).")
-    @click.option("--threads", type=click.IntRange(min=0), default=0, help="Threads to use; 0 = all cores.")
+    @click.option("--seed", type=click.IntRange(0, MAX_SEED), help="Seed of everything random (default 0).")
+    @click.option(
+        "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+    )
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
     @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
@@ -143,7 +147,7 @@ def three_numbers(option: str, text: str) -> tuple[float, ...]:
         values = tuple(float(word) for word in text.split(","))
     except ValueError:
         values = ()
-    if len(values) != 3:
+    if len(values) != 3 or not all(map(math.isfinite, values)):
         msg = f"{option} {text}: expected x,y,yaw in metres and radians, for instance 0.2,0,0"
         raise click.UsageError(msg)
     return values

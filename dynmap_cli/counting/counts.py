@@ -12,6 +12,7 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.errors import LogError
 from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells
 
 SCANS_PER_CHUNK = 1024
@@ -280,7 +281,13 @@ def end_cells(
 
 
 def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m: float) -> GridFrame:
-    """Frame that holds every pose and every end point, and beams without return up to the farthest hit."""
+    """Frame that holds every pose and every end point, and beams without return up to the farthest hit.
+
+    Raises
+    ------
+    LogError
+        If they lie too far apart for a grid.
+    """
     rays = rays_of(log, usable_range_m)
     corners: list[F64] = [poses[np.isfinite(poses).all(axis=1), :2]]
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
@@ -289,7 +296,14 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
         corners += (
             [points.min(axis=0, keepdims=True), points.max(axis=0, keepdims=True)] if points.size else []
         )
-    return frame_around(np.concatenate(corners), resolution_m, 2 * resolution_m)
+    try:
+        return frame_around(np.concatenate(corners), resolution_m, 2 * resolution_m)
+    except ValueError as err:
+        msg = (
+            f"{', '.join(log.recordings)}: {err}. Check odometry, tf and --laser-pose with `dynmap info`, "
+            "or choose a larger map.resolution_m."
+        )
+        raise LogError(msg) from err
 
 
 def _end_points(log: ScanLog, rays: Rays, poses: F64, part: slice) -> F64:

@@ -10,6 +10,10 @@ from dynmap_cli.arrays import F64, I8, I64
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """Values of a tri-state grid (int8)."""
+MAX_CELLS = 80_000_000
+"""No grid has more: 450 m x 450 m at 5 cm."""
+FARTHEST_M = 1e7
+"""No place is farther from the origin: fixed-point sums and cell numbers keep their millimetres up to there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +64,28 @@ class GridFrame:
 
 
 def frame_around(points_m: F64, resolution_m: float, margin_m: float) -> GridFrame:
-    """Smallest frame on whole multiples of the resolution that holds all points (n, 2) and a margin."""
-    low = np.floor((points_m.min(axis=0) - margin_m) / resolution_m)
-    high = np.ceil((points_m.max(axis=0) + margin_m) / resolution_m)
+    """Smallest frame on whole multiples of the resolution that holds all points (n, 2) and a margin.
+
+    Raises
+    ------
+    ValueError
+        If there are no points, or they lie so far apart that the grid would have more than `MAX_CELLS`.
+    """
+    if points_m.shape[0] == 0:
+        msg = "there is no point to draw a map around"
+        raise ValueError(msg)
+    least, most = points_m.min(axis=0) - margin_m, points_m.max(axis=0) + margin_m
+    width, height = (most - least).tolist()
+    cells = (width / resolution_m + 1.0) * (height / resolution_m + 1.0)
+    if not (cells <= MAX_CELLS and np.abs([least, most]).max() < FARTHEST_M):
+        msg = (
+            f"poses and end points of beams span {width:.4g} m x {height:.4g} m around "
+            f"({0.5 * (least[0] + most[0]):.4g}, {0.5 * (least[1] + most[1]):.4g}) m, "
+            f"{cells:.1e} cells of {resolution_m:g} m; a grid has at most {MAX_CELLS:.0e} cells "
+            f"within {FARTHEST_M:.0e} m of the origin"
+        )
+        raise ValueError(msg)
+    low, high = np.floor(least / resolution_m), np.ceil(most / resolution_m)
     cols, rows = np.maximum((high - low).astype(np.int64), 1)
     return GridFrame(
         resolution_m, float(low[0] * resolution_m), float(low[1] * resolution_m), int(rows), int(cols)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,9 @@ from dynmap_cli.evaluation.states import (
     patch_meanings,
 )
 from dynmap_cli.evaluation.truth import Truth, same_scans
+from dynmap_cli.files.damage import refusing_damage
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
+from dynmap_cli.files.npy import Column, read_npz
 from dynmap_cli.files.trajectory import parse_stamp, read_tum
 
 GOOD_M, GOOD_RAD, GOOD_SHARE = 0.5, math.radians(10.0), 0.95
@@ -31,6 +35,13 @@ SURE = 0.8
 """A state counts as known when its probability reaches this."""
 SETTLED_S = 3.0
 """The filter has converged when all poses of so many seconds are right."""
+_CLOUDS = {
+    "stamps_ns": Column("<i8", (None,)),
+    "counts": Column("<i8", (None,)),
+    "poses": Column("<f4", (None, 3)),
+    "weights": Column("<f4", (None,)),
+}
+_MOST_BYTES = 4 * 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +110,9 @@ def read_localized(folder: Path) -> Localized:
         If a file is missing or damaged.
     """
     trajectory = read_tum(folder / "trajectory.tum")
-    try:
+    with refusing_damage(
+        f"{folder}: not the result of `dynmap localize`", "Run it again with --force.", ArtifactError
+    ):
         states = _rows(folder / "states.csv")
         health = _rows(folder / "health.csv")
         particles = folder / "particles.npz"
@@ -110,25 +123,23 @@ def read_localized(folder: Path) -> Localized:
             np.array([row["verdict"] == "lost" for row in health], dtype=bool),
             _read_clouds(particles) if particles.exists() else None,
         )
-    except (OSError, ValueError, KeyError, TypeError) as err:
-        msg = f"{folder}: not the result of `dynmap localize` ({err})."
-        raise ArtifactError(msg) from err
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="ascii", newline="") as stream:
-        return list(csv.DictReader(stream))
+    return list(csv.DictReader(io.StringIO(read_text(path, MAX_TABLE_BYTES))))
 
 
 def _read_clouds(path: Path) -> Clouds:
-    with np.load(path, allow_pickle=False) as archive:
-        update = np.repeat(np.arange(archive["counts"].size), archive["counts"])
-        return Clouds(
-            archive["stamps_ns"],
-            update,
-            archive["poses"].astype(np.float64),
-            archive["weights"].astype(np.float64),
-        )
+    arrays = read_npz(path, _CLOUDS, max_bytes=_MOST_BYTES)
+    counts, poses, weights = arrays["counts"], arrays["poses"], arrays["weights"]
+    if counts.size != arrays["stamps_ns"].size or (counts < 0).any():
+        msg = "counts are not one per update"
+        raise ValueError(msg)
+    if not counts.sum() == poses.shape[0] == weights.size or not np.isfinite(poses).all():
+        msg = f"{counts.sum()} particles by their counts, but {poses.shape[0]} poses, or some that are not finite"
+        raise ValueError(msg)
+    update = np.repeat(np.arange(counts.size), counts)
+    return Clouds(arrays["stamps_ns"], update, poses.astype(np.float64), weights.astype(np.float64))
 
 
 def _most_believed(rows: list[dict[str, str]]) -> dict[int, Believed]:

@@ -13,7 +13,11 @@ from dynmap_cli.domain.poses import Trajectory, between
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import known_poses, nearest_stamp
 from dynmap_cli.evaluation.scores import Score
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
 from dynmap_cli.files.trajectory import parse_stamp
+
+_FARTHEST = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +47,9 @@ def read_relations(path: Path) -> Relations:
     stamps: list[tuple[int, int]] = []
     rows: list[list[float]] = []
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: not a readable file of relations ({err})"
+        text = read_text(path, MAX_TABLE_BYTES)
+    except (OSError, ValueError) as err:
+        msg = f"{path}: not a readable file of relations ({reason(err)})"
         raise ArtifactError(msg) from err
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
@@ -56,7 +60,7 @@ def read_relations(path: Path) -> Relations:
             stamps.append((parse_stamp(words[0]), parse_stamp(words[1])))
         except (ValueError, IndexError):
             values = []
-        if len(values) != 6 or not all(map(math.isfinite, values)):
+        if len(values) != 6 or not all(abs(value) <= _FARTHEST for value in values):
             msg = f"{path}:{number}: expected 't1 t2 x y z roll pitch yaw', found {line[:60]!r}"
             raise ArtifactError(msg)
         rows.append([values[0], values[1], values[5]])

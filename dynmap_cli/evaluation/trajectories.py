@@ -12,6 +12,8 @@ from dynmap_cli.domain.poses import Trajectory, between, compose, transform_poin
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import associate
 from dynmap_cli.evaluation.scores import Score, mean_or_nan
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
 from dynmap_cli.files.trajectory import parse_stamp, read_tum
 
 _INDEX_TABLE = "raw_scan_index"
@@ -79,9 +81,9 @@ def score_trajectory(name: str, estimate: Trajectory, reference: Trajectory) -> 
 def read_reference(path: Path) -> Trajectory:
     """Read a TUM file, or a table `raw_scan_index raw_timestamp x y theta ...` that says so in a comment."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: not a readable trajectory ({err})"
+        text = read_text(path, MAX_TABLE_BYTES)
+    except (OSError, ValueError) as err:
+        msg = f"{path}: not a readable trajectory ({reason(err)})"
         raise ArtifactError(msg) from err
     if _INDEX_TABLE not in text[:2000]:
         return read_tum(path)
@@ -90,7 +92,7 @@ def read_reference(path: Path) -> Trajectory:
         stamps = np.array([parse_stamp(row[1]) for row in rows], dtype=np.int64)
         poses = np.array([[float(word) for word in row[2:5]] for row in rows]).reshape(-1, 3)
     except (ValueError, IndexError) as err:
-        msg = f"{path}: expected lines of 'raw_scan_index raw_timestamp x y theta ...' ({err})"
+        msg = f"{path}: expected lines of 'raw_scan_index raw_timestamp x y theta ...' ({reason(err)})"
         raise ArtifactError(msg) from err
     return Trajectory(stamps, poses)
 

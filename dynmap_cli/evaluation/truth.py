@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +14,16 @@ from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import known_poses, nearest_stamp
 from dynmap_cli.evaluation.trajectories import align
 from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.damage import refusing_damage
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json, read_text
 from dynmap_cli.files.manifest import read_manifest
+from dynmap_cli.files.npy import Column, read_npz
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import read_tum
 
 _SAME_SCAN_S = 0.001
 _LEAST_POSES = 10
+_MOST_BYTES = 4 * 2**30
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,22 +98,31 @@ def read_truth(folder: Path) -> Truth:
         If a file is missing or damaged.
     """
     trajectory = read_tum(folder / "trajectory.tum")
-    try:
-        content = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    with refusing_damage(
+        f"{folder}: not the truth of a simulated recording",
+        "Expected what `dynmap simulate` writes.",
+        ArtifactError,
+    ):
+        content = parse_json(read_text(folder / "truth.json", MAX_TABLE_BYTES))
         objects = tuple(
-            TrueObject(str(entry["name"]), int(entry["class"]), tuple(entry["states"]))
+            TrueObject(str(entry["name"]), int(entry["class"]), tuple(map(str, entry["states"])))
             for entry in content["objects"]
         )
-        with np.load(folder / "beams.npz", allow_pickle=False) as archive:
-            beam_class = archive["beam_class"].astype(np.int32)
-            object_states = archive["object_states"].astype(np.int32)
+        n_scans = trajectory.stamps_ns.size
+        arrays = read_npz(
+            folder / "beams.npz",
+            {
+                "beam_class": Column("<i2", (n_scans, None)),
+                "object_states": Column("<i4", (n_scans, len(objects))),
+            },
+            max_bytes=_MOST_BYTES,
+        )
         codes = {name: int(content["classes"][name]) for name in _CODES}
-    except (OSError, ValueError, KeyError, TypeError) as err:
-        msg = f"{folder}: not the truth of a simulated recording ({err}). Expected what `dynmap simulate` writes."
-        raise ArtifactError(msg) from err
-    if not beam_class.shape[0] == object_states.shape[0] == trajectory.stamps_ns.size:
-        msg = f"{folder}: {trajectory.stamps_ns.size} poses, but {beam_class.shape[0]} scans in beams.npz"
-        raise ArtifactError(msg)
+        beam_class, object_states = arrays["beam_class"].astype(np.int32), arrays["object_states"]
+        counts = np.array([len(thing.states) for thing in objects], dtype=np.int64)
+        if ((object_states < 0) | (object_states >= counts)).any():
+            msg = "object_states points outside the states of an object"
+            raise ValueError(msg)
     return Truth(trajectory, beam_class, object_states, objects, **codes)
 
 
@@ -128,7 +140,8 @@ def read_run(folder: Path) -> Run:
     if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
         msg = f"{folder}: map/ is not of these scans. Run `dynmap map` again with --force."
         raise ArtifactError(msg)
-    return Run(folder, log, trajectory.poses, read_beams(folder / "map" / "beams.npz"), manifest.settings)
+    beams = read_beams(folder / "map" / "beams.npz", (log.n_scans, log.n_beams))
+    return Run(folder, log, trajectory.poses, beams, manifest.settings)
 
 
 def same_scans(stamps_ns: I64, truth: Truth) -> tuple[I64, I64]:

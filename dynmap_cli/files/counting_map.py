@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
+import math
 from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, I64
-from dynmap_cli.domain.grid import CountingMap, GridFrame
+from dynmap_cli.domain.grid import MAX_CELLS, CountingMap, GridFrame
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.damage import refusing_damage
+from dynmap_cli.files.npy import Column, read_npz
 
-DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
-"""What numpy raises on files that are missing, cut off, damaged or of something else."""
+_GRIDS = {
+    "static_hits": Column("<f4", (None, None)),
+    "dynamic_hits": Column("<f4", (None, None)),
+    "passed_cells": Column("<f4", (None, None)),
+    "centroids_m": Column("<f4", (None, None, 2)),
+}
+_FRAME = {"resolution_m": Column("<f8", ()), "origin_m": Column("<f8", (2,))}
+_REMEDY = "Run `dynmap map` again with --force."
 
 
 def write_counting_map(path: Path, counting_map: CountingMap) -> None:
@@ -32,19 +39,25 @@ def write_counting_map(path: Path, counting_map: CountingMap) -> None:
 
 
 def read_counting_map(path: Path) -> CountingMap:
-    """Read what `write_counting_map` wrote."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            columns = {
-                name: archive[name].astype(np.float64)
-                for name in ("static_hits", "dynamic_hits", "passed_cells", "centroids_m")
-            }
-            x, y = (float(value) for value in archive["origin_m"])
-            rows, cols = columns["static_hits"].shape
-            return CountingMap(GridFrame(float(archive["resolution_m"]), x, y, rows, cols), **columns)
-    except DAMAGE as err:
-        msg = f"{path}: not a readable counting map ({err}). Run `dynmap map` again with --force."
-        raise ArtifactError(msg) from err
+    """Read what `write_counting_map` wrote.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or absurdly large.
+    """
+    with refusing_damage(f"{path}: not a readable counting map", _REMEDY, ArtifactError):
+        arrays = read_npz(path, {**_GRIDS, **_FRAME}, max_bytes=8 * MAX_CELLS)
+        shape = arrays["static_hits"].shape
+        if any(arrays[name].shape[:2] != shape for name in _GRIDS):
+            msg = f"grids of different sizes: {[arrays[name].shape for name in _GRIDS]}"
+            raise ValueError(msg)
+        resolution, (x, y) = float(arrays["resolution_m"]), arrays["origin_m"].tolist()
+        if not (0.0 < resolution < math.inf and math.isfinite(x) and math.isfinite(y)):
+            msg = f"resolution_m {resolution}, origin_m {x}, {y}"
+            raise ValueError(msg)
+        grids = {name: arrays[name].astype(np.float64) for name in _GRIDS}
+        return CountingMap(GridFrame(resolution, x, y, *shape), **grids)
 
 
 def write_beams(path: Path, stamps_ns: I64, static_probability: F32) -> None:
@@ -52,11 +65,16 @@ def write_beams(path: Path, stamps_ns: I64, static_probability: F32) -> None:
     np.savez_compressed(path, stamps_ns=stamps_ns, static_probability=static_probability.astype(np.float32))
 
 
-def read_beams(path: Path) -> F32:
-    """Read e of each beam."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return np.asarray(archive["static_probability"], dtype=np.float32)
-    except DAMAGE as err:
-        msg = f"{path}: not a readable table of beams ({err}). Run `dynmap map` again with --force."
-        raise ArtifactError(msg) from err
+def read_beams(path: Path, shape: tuple[int, int]) -> F32:
+    """Read e of each beam; *shape* is (n_scans, n_beams) of the scans it is of.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of other scans.
+    """
+    with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
+        column = Column("<f4", shape)
+        return read_npz(path, {"static_probability": column}, max_bytes=4 * math.prod(shape))[
+            "static_probability"
+        ]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json, read_text
 
 FORMAT_VERSION = 1
 """Version of every file between stages; a reader refuses another one and names both."""
@@ -67,11 +70,11 @@ def read_manifest(folder: Path, stage: str) -> Manifest | None:
     """
     path = manifest_path(folder, stage)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path, MAX_TABLE_BYTES))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as err:
-        msg = f"{path}: not a readable manifest ({err}). Run the stage again with --force."
+        msg = f"{path}: not a readable manifest ({reason(err)}). Run the stage again with --force."
         raise ArtifactError(msg) from err
     found = content.get("format_version") if isinstance(content, dict) else None
     if found != FORMAT_VERSION:
@@ -81,10 +84,35 @@ def read_manifest(folder: Path, stage: str) -> Manifest | None:
         )
         raise ArtifactError(msg)
     try:
-        return Manifest(**content)
-    except TypeError as err:
-        msg = f"{path}: not a manifest of dynmap ({err}). Run the stage again with --force."
+        manifest = Manifest(**content)
+        _check(manifest, stage)
+    except (TypeError, ValueError) as err:
+        msg = f"{path}: not a manifest of dynmap ({reason(err)}). Run the stage again with --force."
         raise ArtifactError(msg) from err
+    return manifest
+
+
+def _check(manifest: Manifest, stage: str) -> None:
+    """Refuse what no stage writes."""
+    for name in ("settings", "inputs", "outputs", "summary"):
+        if not isinstance(getattr(manifest, name), dict):
+            msg = f"{name} is not a mapping"
+            raise TypeError(msg)
+    for name in ("inputs", "outputs"):
+        if not all(isinstance(digest, str) for digest in getattr(manifest, name).values()):
+            msg = f"{name} has values that are not digests"
+            raise TypeError(msg)
+    for name in manifest.outputs:
+        if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts:
+            msg = f"output {name[:60]!r} is not in the folder of the stage"
+            raise ValueError(msg)
+    lines = manifest.summary.get("lines", [])
+    if not isinstance(lines, list) or not all(isinstance(line, str) for line in lines):
+        msg = "summary.lines is not a list of sentences"
+        raise TypeError(msg)
+    if manifest.stage != stage or not isinstance(manifest.dynmap_version, str):
+        msg = f"of stage {str(manifest.stage)[:60]!r}, not '{stage}'"
+        raise ValueError(msg)
 
 
 def sha256_of(path: Path) -> str:
@@ -92,7 +120,7 @@ def sha256_of(path: Path) -> str:
     if path.is_dir():
         digest = hashlib.sha256()
         for inner in sorted(p for p in path.rglob("*") if p.is_file()):
-            digest.update(f"{inner.relative_to(path)}\0{sha256_of(inner)}\n".encode())
+            digest.update(os.fsencode(f"{inner.relative_to(path)}\0{sha256_of(inner)}\n"))
         return digest.hexdigest()
     status = path.stat()
     return _sha256_of_file(path, (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns))

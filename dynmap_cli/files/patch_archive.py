@@ -12,7 +12,6 @@ import io
 import json
 import math
 import zipfile
-import zlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,18 +20,19 @@ import numpy as np
 from PIL import Image
 
 from dynmap_cli.arrays import F32
-from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
+from dynmap_cli.files.damage import DAMAGE, reason
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json
 from dynmap_cli.files.manifest import FORMAT_VERSION
+from dynmap_cli.files.npy import Column, parse_npy
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
 
 _COLUMNS = ("submap", "sequence", "log", "start_s", "end_s", "patch", "membership")
 _OCCUPIED_REFLECTANCE, _FREE_REFLECTANCE = 0.2, 0.1
-_MAX_CELLS = 100_000_000
-_MAX_TEXT_BYTES = 500_000_000
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -138,7 +138,7 @@ def _csv_bytes(visits: Sequence[Visit]) -> bytes:
                 "" if visit.patch is None else f"{visit.membership:.6f}",
             ]
         )
-    return stream.getvalue().encode()
+    return stream.getvalue().encode("utf-8", errors="backslashreplace")
 
 
 def read_patches(path: Path) -> tuple[PatchSet, ...]:
@@ -166,7 +166,7 @@ def read_visits(path: Path) -> tuple[Visit, ...]:
             for entry in content["submaps"]
             for sequence, remark in entry.get("unassigned", {}).items()
         }
-        rows = csv.DictReader(io.StringIO(reader.member("sequences.csv", _MAX_TEXT_BYTES).decode("utf-8")))
+        rows = csv.DictReader(io.StringIO(reader.member("sequences.csv", MAX_TABLE_BYTES).decode("utf-8")))
         return tuple(_visit(row, remarks) for row in rows)
 
 
@@ -189,13 +189,16 @@ def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> P
     """One sub-map of the manifest with its patches."""
     cols, rows = (int(size) for size in entry["size_cells"])
     stay, resolution = float(entry["stay_probability"]), float(resolution_m)
-    if min(cols, rows) < 1 or cols * rows > _MAX_CELLS:
+    if min(cols, rows) < 1 or cols * rows > MAX_CELLS:
         msg = f"sub-map {entry['id']} of {cols} x {rows} cells"
         raise ValueError(msg)
     if not (0.0 <= stay <= 1.0 and 0.0 < resolution < math.inf):
         msg = f"stay_probability {stay}, resolution_m {resolution}"
         raise ValueError(msg)
     origin_x, origin_y = (float(value) for value in entry["origin_m"])
+    if not max(abs(origin_x), abs(origin_y)) <= FARTHEST_M:
+        msg = f"origin_m {entry['origin_m']}"
+        raise ValueError(msg)
     patches = tuple(
         Patch(int(patch["id"]), int(patch["support"]), reader.values(str(patch["npy"]), (rows, cols)))
         for patch in entry["patches"]
@@ -213,16 +216,18 @@ class _Reader:
     def __enter__(self) -> _Reader:
         try:
             self._archive = zipfile.ZipFile(self._path)
-        except (OSError, zipfile.BadZipFile) as err:
-            msg = f"{self._path}: not a readable patch archive ({err}). Run `dynmap cluster` again with --force."
+        except DAMAGE as err:
+            msg = (
+                f"{self._path}: not a readable patch archive ({reason(err)}). "
+                "Run `dynmap cluster` again with --force."
+            )
             raise ArtifactError(msg) from err
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._archive.close()
-        damage = (KeyError, TypeError, ValueError, AttributeError, EOFError, OSError, RuntimeError)
-        if isinstance(error, (zipfile.BadZipFile, zlib.error, *damage)):
-            msg = f"{self._path}: damaged patch archive ({error}). Run `dynmap cluster` again with --force."
+        if isinstance(error, DAMAGE):
+            msg = f"{self._path}: damaged patch archive ({reason(error)}). Run `dynmap cluster` again with --force."
             raise ArtifactError(msg) from error
 
     def member(self, name: str, max_bytes: int) -> bytes:
@@ -236,7 +241,7 @@ class _Reader:
 
     def manifest(self) -> dict[str, Any]:
         """The manifest, of this format version."""
-        content = json.loads(self.member("manifest.json", _MAX_TEXT_BYTES))
+        content = parse_json(self.member("manifest.json", MAX_TABLE_BYTES).decode("utf-8"))
         found = content.get("format_version")
         if found != FORMAT_VERSION:
             msg = (
@@ -248,16 +253,9 @@ class _Reader:
 
     def values(self, name: str, shape: tuple[int, int]) -> F32:
         """Reflectance of a patch, in [0, 1] or NaN."""
-        stream = io.BytesIO(self.member(name, 4 * shape[0] * shape[1] + 4096))
-        if np.lib.format.read_magic(stream) != (1, 0):
-            msg = f"{name} is not a .npy file of version 1.0"
-            raise ValueError(msg)
-        found, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-        if found != shape or is_fortran or dtype != np.dtype("<f4"):
-            msg = f"{name} is {dtype} {found}, not float32 {shape} in rows"
-            raise ValueError(msg)
-        values = np.frombuffer(stream.read(), dtype="<f4").reshape(shape)
+        content = self.member(name, 4 * shape[0] * shape[1] + 4096)
+        values: F32 = parse_npy(io.BytesIO(content), len(content), Column("<f4", shape), name)
         if not bool((np.isnan(values) | ((values >= 0.0) & (values <= 1.0))).all()):
             msg = f"{name} has values outside 0 to 1"
             raise ValueError(msg)
-        return np.array(values, dtype=np.float32)
+        return values

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from PIL import Image
 
-from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from dynmap_cli.domain.grid import FARTHEST_M, FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import parse_yaml, read_text
+from dynmap_cli.files.images import read_grey
 
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 """free_thresh 0.25, an old default, would turn 205 (unknown) into free."""
-MAX_PIXELS = 400_000_000
+_RESOLUTIONS_M = (0.001, 100.0)
 _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 
@@ -49,8 +51,7 @@ def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
         If the YAML or the image is missing, damaged, rotated or too large.
     """
     content = _read_yaml(yaml_path)
-    occupied_thresh = float(content.get("occupied_thresh", OCCUPIED_THRESH))
-    free_thresh = float(content.get("free_thresh", FREE_THRESH))
+    occupied_thresh, free_thresh = content["occupied_thresh"], content["free_thresh"]
     warnings = []
     unknown_shade = (255 - 205) / 255
     if free_thresh > unknown_shade:
@@ -59,65 +60,88 @@ def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
             f"{FREE_THRESH} is used instead"
         )
         free_thresh = FREE_THRESH
-    grey = _read_grey(yaml_path.parent / str(content["image"]))
-    shade = grey / 255.0 if content.get("negate") else (255.0 - grey) / 255.0
-    cells = np.full(grey.shape, UNKNOWN, dtype=np.int8)
-    cells[shade > occupied_thresh] = OCCUPIED
-    cells[shade < free_thresh] = FREE
-    frame = GridFrame(
-        float(content["resolution"]), float(content["origin"][0]), float(content["origin"][1]), *cells.shape
-    )
+    image_path = yaml_path.parent / content["image"]
+    try:
+        grey = read_grey(image_path)
+    except (OSError, ValueError) as err:
+        msg = f"{image_path}: not a readable map image ({reason(err)})."
+        raise ArtifactError(msg) from err
+    levels = np.arange(256)
+    shade = levels / 255.0 if content["negate"] else (255.0 - levels) / 255.0
+    meaning = np.full(256, UNKNOWN, dtype=np.int8)
+    meaning[shade > occupied_thresh] = OCCUPIED
+    meaning[shade < free_thresh] = FREE
+    cells = meaning[grey]
+    frame = GridFrame(content["resolution"], content["origin"][0], content["origin"][1], *cells.shape)
     return OccupancyGrid(frame, np.ascontiguousarray(np.flipud(cells))), warnings
 
 
 def image_of(yaml_path: Path) -> Path:
     """Where the image of a map_server YAML lies."""
-    return yaml_path.parent / str(_read_yaml(yaml_path)["image"])
+    image: str = _read_yaml(yaml_path)["image"]
+    return yaml_path.parent / image
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     """Read the YAML of a map and check what the rest relies on."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
-        msg = f"{path}: not a readable map YAML ({str(err).splitlines()[0]})."
+        content = parse_yaml(read_text(path))
+    except (OSError, ValueError) as err:
+        msg = f"{path}: not a readable map YAML ({reason(err)})."
         raise ArtifactError(msg) from err
-    missing = (
-        [key for key in ("image", "resolution", "origin") if key not in (content or {})]
-        if isinstance(content, dict)
-        else ["image", "resolution", "origin"]
-    )
+    content = content if isinstance(content, dict) else {}
+    missing = [key for key in ("image", "resolution", "origin") if key not in content]
     if missing:
         msg = f"{path}: not a map_server YAML, {', '.join(missing)} missing."
         raise ArtifactError(msg)
-    try:
-        origin = [float(value) for value in content["origin"]]
-        resolution = float(content["resolution"])
-        valid = len(origin) == 3 and all(map(math.isfinite, origin)) and 0 < resolution < math.inf
-    except (TypeError, ValueError):
-        valid = False
-    if not valid:
-        msg = (
-            f"{path}: origin must be [x, y, yaw] and resolution a positive number of metres, "
-            f"found {content['origin']!r} and {content['resolution']!r}."
-        )
-        raise ArtifactError(msg)
+    content = {
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+        **content,
+    }
+    for key, (is_right, allowed) in _ALLOWED.items():
+        if not is_right(content[key]):
+            msg = f"{path}: {key} must be {allowed}, found {str(content[key])[:60]!r}."
+            raise ArtifactError(msg)
+    origin = [float(value) for value in content["origin"]]
     if abs(origin[2]) > 1e-9:
         msg = (
             f"{path}: origin is turned by {origin[2]:g} rad; only maps with yaw 0 are read. Rotate the image."
         )
         raise ArtifactError(msg)
-    return dict(content)
+    numbers = {key: float(content[key]) for key in ("resolution", "occupied_thresh", "free_thresh")}
+    return {**content, **numbers, "origin": origin}
 
 
-def _read_grey(path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Read an image as shades of grey, 0 to 255, first row on top."""
+def _is_number(value: object, low: float, high: float) -> bool:
+    """Whether a value is a number between two others; YAML 1.1 takes 1e-3, without a point, for a word."""
     try:
-        with Image.open(path) as image:
-            if image.width * image.height > MAX_PIXELS:
-                msg = f"{path}: {image.width} x {image.height} pixels, at most {MAX_PIXELS:.0e} are read."
-                raise ArtifactError(msg)
-            return np.asarray(image.convert("L"), dtype=np.float64)
-    except (OSError, ValueError, Image.DecompressionBombError) as err:
-        msg = f"{path}: not a readable map image ({err})."
-        raise ArtifactError(msg) from err
+        return isinstance(value, int | float | str) and low <= float(value) <= high
+    except ValueError:
+        return False
+
+
+def _is_origin(value: object) -> bool:
+    """Whether a value is a pose."""
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(_is_number(number, -FARTHEST_M, FARTHEST_M) for number in value)
+    )
+
+
+_ALLOWED: dict[str, tuple[Callable[[object], bool], str]] = {
+    "image": (
+        lambda value: isinstance(value, str) and value != "" and "\0" not in value,
+        "the name of a file",
+    ),
+    "resolution": (
+        lambda value: _is_number(value, *_RESOLUTIONS_M),
+        f"a number of metres from {_RESOLUTIONS_M[0]:g} to {_RESOLUTIONS_M[1]:g}",
+    ),
+    "origin": (_is_origin, f"[x, y, yaw] in metres and radians, at most {FARTHEST_M:g} m away"),
+    "negate": (lambda value: value in (0, 1), "0 or 1"),
+    "occupied_thresh": (lambda value: _is_number(value, 0.0, 1.0), "a number from 0 to 1"),
+    "free_thresh": (lambda value: _is_number(value, 0.0, 1.0), "a number from 0 to 1"),
+}

@@ -5,6 +5,7 @@ In a mask, 0 is a contested cell, 254 another cell the sub-map owns, 205 a cell 
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,15 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.grid import MAX_CELLS, GridFrame
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.damage import reason, refusing_damage
+from dynmap_cli.files.documents import parse_yaml, read_text
+from dynmap_cli.files.images import read_grey
 from dynmap_cli.files.manifest import FORMAT_VERSION
 
 _CONTESTED, _OWNED, _ELSEWHERE = 0, 254, 205
-_MAX_CELLS = 100_000_000
 
 
 def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
@@ -59,9 +62,9 @@ def read_submaps(folder: Path) -> tuple[SubMap, ...]:
     """
     path = folder / "submaps.yaml"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
-        msg = f"{path}: not a readable list of sub-maps ({str(err).splitlines()[0]}). Run `dynmap segment` again."
+        content = parse_yaml(read_text(path))
+    except (OSError, ValueError) as err:
+        msg = f"{path}: not a readable list of sub-maps ({reason(err)}). Run `dynmap segment` again."
         raise ArtifactError(msg) from err
     found = content.get("format_version") if isinstance(content, dict) else None
     if found != FORMAT_VERSION:
@@ -70,30 +73,35 @@ def read_submaps(folder: Path) -> tuple[SubMap, ...]:
             "Run `dynmap segment` again with --force, or use the dynmap that wrote it."
         )
         raise ArtifactError(msg)
-    try:
+    with refusing_damage(
+        f"{path}: damaged list of sub-maps", "Run `dynmap segment` again with --force.", ArtifactError
+    ):
         return tuple(_read_one(folder, content["resolution_m"], entry) for entry in content["submaps"])
-    except (KeyError, TypeError, ValueError, OSError) as err:
-        msg = f"{path}: damaged list of sub-maps ({err!r}). Run `dynmap segment` again with --force."
-        raise ArtifactError(msg) from err
 
 
 def _read_one(folder: Path, resolution_m: float, entry: dict[str, Any]) -> SubMap:
     """One entry with its mask."""
     cols, rows = (int(size) for size in entry["size_cells"])
-    if min(cols, rows) < 1 or cols * rows > _MAX_CELLS:
+    if min(cols, rows) < 1 or cols * rows > MAX_CELLS:
         msg = f"size_cells {entry['size_cells']}"
         raise ValueError(msg)
     name = Path(str(entry["mask"])).name
-    with Image.open(folder / name) as image:
-        if image.size != (cols, rows):
-            msg = f"{name} is {image.size}, not {(cols, rows)}"
-            raise ValueError(msg)
-        grey = np.flipud(np.asarray(image.convert("L")))
+    grey = np.flipud(read_grey(folder / name))
+    if grey.shape != (rows, cols):
+        msg = f"{name} is {grey.shape[::-1]}, not {(cols, rows)}"
+        raise ValueError(msg)
+    if not (grey == _CONTESTED).any():
+        msg = f"{name} has no contested cell"
+        raise ValueError(msg)
     origin_x, origin_y = (float(value) for value in entry["origin_m"])
     row, col = (int(value) for value in entry["corner_cell"])
+    resolution = float(resolution_m)
+    if not (0.0 < resolution < math.inf and math.isfinite(origin_x) and math.isfinite(origin_y)):
+        msg = f"resolution_m {resolution}, origin_m {entry['origin_m']}"
+        raise ValueError(msg)
     return SubMap(
         submap_id=int(entry["id"]),
-        frame=GridFrame(float(resolution_m), origin_x, origin_y, rows, cols),
+        frame=GridFrame(resolution, origin_x, origin_y, rows, cols),
         row=row,
         col=col,
         contested=grey == _CONTESTED,

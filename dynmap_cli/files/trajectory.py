@@ -8,6 +8,12 @@ import numpy as np
 
 from dynmap_cli.domain.poses import Trajectory, wrap_angle
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
+
+_TOO_LATE_NS = 2**63
+_MAX_STAMP_S = 1e10
+_FARTHEST = 1e9
 
 
 def format_stamp(stamp_ns: int) -> str:
@@ -17,12 +23,24 @@ def format_stamp(stamp_ns: int) -> str:
 
 
 def parse_stamp(text: str) -> int:
-    """Nanoseconds from decimal seconds, exact to the ninth decimal."""
+    """Nanoseconds from decimal seconds, exact to the ninth decimal.
+
+    Raises
+    ------
+    ValueError
+        If the text is no number, or the stamp does not fit into 64 bits.
+    """
     whole, _, decimals = text.strip().lstrip("+-").partition(".")
     if "e" in text.lower():
-        return round(float(text) * 1e9)
-    value = int(whole or "0") * 10**9 + int((decimals + "000000000")[:9])
-    return -value if text.strip().startswith("-") else value
+        seconds = float(text)
+        value = round(seconds * 1e9) if abs(seconds) < _MAX_STAMP_S else _TOO_LATE_NS
+    else:
+        value = int(whole or "0") * 10**9 + int((decimals + "000000000")[:9])
+        value = -value if text.strip().startswith("-") else value
+    if abs(value) >= _TOO_LATE_NS:
+        msg = f"stamp {text[:30]} does not fit into 64 bits of nanoseconds"
+        raise ValueError(msg)
+    return value
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -40,14 +58,16 @@ def read_tum(path: Path) -> Trajectory:
     Raises
     ------
     ArtifactError
-        If the file is missing or a line has not eight numbers.
+        If the file is missing or a line has not eight numbers; NaN says that there is no pose.
     """
     stamps: list[int] = []
     rows: list[list[float]] = []
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: not a readable trajectory ({err}). Expected lines of 'stamp x y z qx qy qz qw'."
+        text = read_text(path, MAX_TABLE_BYTES)
+    except (OSError, ValueError) as err:
+        msg = (
+            f"{path}: not a readable trajectory ({reason(err)}). Expected lines of 'stamp x y z qx qy qz qw'."
+        )
         raise ArtifactError(msg) from err
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
@@ -57,8 +77,8 @@ def read_tum(path: Path) -> Trajectory:
             stamp, values = parse_stamp(words[0]), [float(word) for word in words[1:]]
         except ValueError:
             values = []
-        if len(values) != 7:
-            msg = f"{path}:{number}: expected 'stamp x y z qx qy qz qw', found {line[:60]!r}"
+        if len(values) != 7 or any(abs(value) > _FARTHEST for value in values):
+            msg = f"{path}:{number}: expected 'stamp x y z qx qy qz qw', found {line[:80]!r}"
             raise ArtifactError(msg)
         stamps.append(stamp)
         rows.append(values)

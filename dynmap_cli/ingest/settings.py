@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+Coordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
+Angle = Annotated[float, Field(ge=-10.0, le=10.0)]
 
 
 class IngestSettings(BaseModel):
     """How recordings are read."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     scan_topic: str | None = Field(None, description="Topic of the laser scans; none = found on its own.")
     odom: str | None = Field(
         None,
         description="Topic of the odometry, 'tf', or 'none' to use no odometry; empty = found on its own.",
     )
-    laser_pose: tuple[float, float, float] | None = Field(
+    laser_pose: tuple[Coordinate, Coordinate, Angle] | None = Field(
         None, description="Pose of the laser on the robot, x m, y m, yaw rad; none = from tf or the log."
     )
     base_frame: str | None = Field(None, description="Frame of the robot in tf; none = found on its own.")
@@ -31,8 +34,12 @@ class IngestSettings(BaseModel):
     max_gap_s: float = Field(
         60.0,
         ge=0.0,
+        le=1e9,
         description="Longest pause, s, after which a further recording still counts as the same drive.",
     )
     max_unpacked_gib: float = Field(
-        16.0, gt=0.0, description="Most GiB that one compressed recording may unpack to; guards the disk."
+        16.0,
+        gt=0.0,
+        le=1e6,
+        description="Most GiB that one compressed recording may unpack to; guards the disk.",
     )

@@ -2,60 +2,81 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Coordinate = Annotated[float, Field(ge=-1e7, le=1e7)]
+Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
 class LocalizationSettings(BaseModel):
     """How pose and state of the world are tracked."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    start: tuple[float, float, float] | None = Field(
+    start: tuple[Coordinate, Coordinate, Angle] | None = Field(
         None, description="Pose at the first scan in the map, x m, y m, yaw rad; none = found on its own."
     )
-    start_sigma_m: float = Field(0.25, gt=0, le=5, description="How far a given start pose may be off.")
-    start_sigma_rad: float = Field(0.15, gt=0, le=3.15, description="How far its yaw may be off.")
+    start_sigma_m: float = Field(0.25, ge=0.001, le=5, description="How far a given start pose may be off.")
+    start_sigma_rad: float = Field(0.15, ge=0.0001, le=3.15, description="How far its yaw may be off.")
     start_pitch_m: float = Field(0.25, ge=0.05, le=1, description="Pitch of the lattice of a global start.")
     start_pitch_deg: float = Field(4.0, ge=1, le=30, description="Its step in yaw.")
     start_scans: int = Field(
         5, ge=1, le=20, description="Scans a global start may use together where one is ambiguous."
     )
 
-    min_particles: int = Field(500, ge=10, description="Particles at least.")
+    min_particles: int = Field(500, ge=10, le=1_000_000, description="Particles at least.")
     max_particles: int = Field(3000, ge=10, le=1_000_000, description="Particles at most.")
-    pf_err: float = Field(0.05, gt=0, lt=1, description="KLD sampling: error of the distribution allowed.")
-    pf_z: float = Field(0.99, gt=0, description="KLD sampling: upper quantile of the normal distribution.")
-    update_min_d: float = Field(0.1, ge=0, description="Metres to travel before scans are weighed again.")
-    update_min_a: float = Field(0.1, ge=0, description="Radians to turn before scans are weighed again.")
-    update_max_s: float = Field(1.0, ge=0, description="Seconds after which a standing robot weighs a scan.")
-
-    alpha1: float = Field(0.1, ge=0, description="Odometry noise: rotation from rotation.")
-    alpha2: float = Field(0.1, ge=0, description="Odometry noise: rotation from translation.")
-    alpha3: float = Field(0.1, ge=0, description="Odometry noise: translation from translation.")
-    alpha4: float = Field(0.1, ge=0, description="Odometry noise: translation from rotation.")
-    drift_sigma_m: float = Field(
-        0.01, ge=0, description="Noise of every update in position: maps and clocks are not exact."
+    pf_err: float = Field(
+        0.05, ge=0.001, lt=1, description="KLD sampling: error of the distribution allowed."
     )
-    drift_sigma_rad: float = Field(0.005, ge=0, description="Noise of every update in yaw.")
+    pf_z: float = Field(
+        0.99, ge=0.01, le=10, description="KLD sampling: upper quantile of the normal distribution."
+    )
+    update_min_d: float = Field(
+        0.1, ge=0, le=1000, description="Metres to travel before scans are weighed again."
+    )
+    update_min_a: float = Field(
+        0.1, ge=0, le=1000, description="Radians to turn before scans are weighed again."
+    )
+    update_max_s: float = Field(
+        1.0, ge=0, le=1e6, description="Seconds after which a standing robot weighs a scan."
+    )
+
+    alpha1: float = Field(0.1, ge=0, le=10, description="Odometry noise: rotation from rotation.")
+    alpha2: float = Field(0.1, ge=0, le=10, description="Odometry noise: rotation from translation.")
+    alpha3: float = Field(0.1, ge=0, le=10, description="Odometry noise: translation from translation.")
+    alpha4: float = Field(0.1, ge=0, le=10, description="Odometry noise: translation from rotation.")
+    drift_sigma_m: float = Field(
+        0.01, ge=0, le=10, description="Noise of every update in position: maps and clocks are not exact."
+    )
+    drift_sigma_rad: float = Field(0.005, ge=0, le=10, description="Noise of every update in yaw.")
     prediction_sigma_m: float = Field(
-        0.05, gt=0, description="Without odometry: noise of the predicted position, plus 30 % of the step."
+        0.05,
+        ge=0.001,
+        le=10,
+        description="Without odometry: noise of the predicted position, plus 30 % of the step.",
     )
     prediction_sigma_rad: float = Field(
-        0.1, gt=0, description="Without odometry: noise of the predicted yaw, plus 30 % of the turn."
+        0.1,
+        ge=0.0001,
+        le=10,
+        description="Without odometry: noise of the predicted yaw, plus 30 % of the turn.",
     )
 
     max_beams: int = Field(60, ge=4, le=2000, description="Beams of a scan that weigh particles.")
-    z_hit: float = Field(0.5, gt=0, le=1, description="Share of ends near something in the map.")
-    z_rand: float = Field(0.5, gt=0, le=1, description="Share of ends anywhere within laser_max_range.")
-    sigma_hit: float = Field(0.1, gt=0, le=2, description="Metres that ends scatter around the map.")
+    z_hit: float = Field(0.5, ge=0.001, le=1, description="Share of ends near something in the map.")
+    z_rand: float = Field(0.5, ge=0.001, le=1, description="Share of ends anywhere within laser_max_range.")
+    sigma_hit: float = Field(0.1, ge=0.005, le=2, description="Metres that ends scatter around the map.")
     laser_likelihood_max_dist: float = Field(
-        2.0, gt=0, le=10, description="Metres beyond which distance from the map no longer matters."
+        2.0, ge=0.05, le=10, description="Metres beyond which distance from the map no longer matters."
     )
-    laser_max_range: float = Field(30.0, gt=0, description="Metres; ends further away weigh nothing.")
+    laser_max_range: float = Field(
+        30.0, ge=0.5, le=1000, description="Metres; ends further away weigh nothing."
+    )
     independent_beams: float = Field(
-        15.0, gt=0, description="How many independent beams a scan is worth; tempers the weights."
+        15.0, ge=0.1, le=2000, description="How many independent beams a scan is worth; tempers the weights."
     )
 
     states: Literal["belief", "sampled"] = Field(
@@ -65,7 +86,9 @@ class LocalizationSettings(BaseModel):
     near_m: float = Field(
         2.0, ge=0, le=20, description="Particles this close to a rectangle are in that sub-map (sampled)."
     )
-    view_m: float = Field(8.0, gt=0, description="States are learned from beams that reach them within this.")
+    view_m: float = Field(
+        8.0, ge=0.1, le=1000, description="States are learned from beams that reach them within this."
+    )
     save_particles: bool = Field(False, description="Write the particles of every update to particles.npz.")
 
     @model_validator(mode="after")

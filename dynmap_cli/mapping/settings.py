@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class MapSettings(BaseModel):
     """How poses, map and moving beams are estimated."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     resolution_m: float = Field(0.05, gt=0.005, le=1.0, description="Edge of a map cell, metres.")
     poses: Literal["estimate", "recorded"] = Field(

@@ -13,6 +13,8 @@ from dynmap_cli.domain.scans import end_points
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.damage import refusing_damage
+from dynmap_cli.files.documents import read_text
 from dynmap_cli.files.manifest import Manifest, read_manifest
 from dynmap_cli.files.patch_archive import read_patches, read_visits
 from dynmap_cli.files.pgm import read_map
@@ -105,8 +107,9 @@ def _map_picture(context: StageContext, submaps: Sequence[SubMap]) -> Picture:
 
     folder = context.run_dir / "map"
     poses = read_tum(folder / "trajectory.tum").poses
-    is_removed = read_beams(folder / "beams.npz") < DYNAMIC_BELOW
-    removed = end_points(read_scan_log(context.scans_dir), poses, is_removed)
+    log = read_scan_log(context.scans_dir)
+    is_removed = read_beams(folder / "beams.npz", (log.n_scans, log.n_beams)) < DYNAMIC_BELOW
+    removed = end_points(log, poses, is_removed)
     grid, _ = read_map(folder / "map.yaml")
     caption = (
         "Black: walls. White: free. Grey: never seen. Blue: the path. "
@@ -130,15 +133,13 @@ def _read_rounds(path: Path) -> list[RoundRow]:
     """Read map/em.csv."""
     from dynmap_cli.report.curves import RoundRow
 
-    try:
-        with path.open(encoding="ascii", newline="") as stream:
-            return [
-                RoundRow(float(row["log_likelihood"]), float(row["dynamic_share"]))
-                for row in csv.DictReader(stream)
-            ]
-    except (OSError, ValueError, KeyError, TypeError) as err:
-        msg = f"{path}: not a readable table of rounds ({err!r}). Run `dynmap map` again with --force."
-        raise ArtifactError(msg) from err
+    with refusing_damage(
+        f"{path}: not a readable table of rounds", "Run `dynmap map` again with --force.", ArtifactError
+    ):
+        return [
+            RoundRow(float(row["log_likelihood"]), float(row["dynamic_share"]))
+            for row in csv.DictReader(io.StringIO(read_text(path)))
+        ]
 
 
 def _state_pictures(
@@ -173,7 +174,7 @@ def _write(out_dir: Path, page: str, sections: Sequence[Section]) -> None:
     (out_dir / "figures").mkdir()
     for picture in (picture for section in sections for picture in section.pictures):
         (out_dir / "figures" / picture.name).write_bytes(picture.png)
-    (out_dir / "report.html").write_text(page, encoding="utf-8")
+    (out_dir / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 STAGE = Stage(

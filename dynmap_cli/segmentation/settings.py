@@ -8,10 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field
 class SegmentationSettings(BaseModel):
     """How areas that change are found."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     window_s: float = Field(
-        30.0, gt=0, le=3600.0, description="Length of the time windows that are compared, seconds."
+        30.0, ge=0.5, le=3600.0, description="Length of the time windows that are compared, seconds."
     )
     max_area_m2: float = Field(
         20.0, ge=1.0, le=1000.0, description="No sub-map is larger than this, square metres."

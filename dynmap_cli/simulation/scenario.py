@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import (
     AwareDatetime,
     BaseModel,
@@ -19,6 +18,8 @@ from pydantic import (
 )
 
 from dynmap_cli.errors import ConfigError
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import parse_yaml, read_text
 
 Point = tuple[float, float]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -362,12 +363,9 @@ def load_scenario(path: Path, seed: int | None = None) -> Scenario:
         One line with file and key, and the nearest known key where one is unknown.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f"{path}: scenario cannot be read ({getattr(err, 'strerror', None) or err})"
-        raise ConfigError(msg) from err
-    except yaml.YAMLError as err:
-        msg = f"{path}: not YAML ({' '.join(str(err).split())})"
+        content = parse_yaml(read_text(path))
+    except (OSError, ValueError) as err:
+        msg = f"{path}: scenario cannot be read ({reason(err)})"
         raise ConfigError(msg) from err
     return parse_scenario(content, str(path), seed)
 

@@ -240,7 +240,8 @@ def test_the_readers_of_a_run_give_what_was_written(small):
     from dynmap_cli.files.trajectory import read_tum
 
     log = read_scan_log(small.run_dir / "scans")
-    assert read_beams(small.run_dir / "map" / "beams.npz").shape == log.ranges_m.shape
+    beams = read_beams(small.run_dir / "map" / "beams.npz", (log.n_scans, log.n_beams))
+    assert beams.shape == log.ranges_m.shape
     assert np.array_equal(read_tum(small.run_dir / "map" / "trajectory.tum").stamps_ns, log.stamps_ns)
     reflectance = read_counting_map(small.run_dir / "map" / "reflectance.npz").reflectance
     assert 0.5 < np.nanmax(reflectance) <= 1.0

@@ -1,5 +1,9 @@
 """What is written is read back; what is damaged is refused in one line; a failed write leaves what was there."""
 
+import io
+import json
+import zipfile
+
 import numpy as np
 import pytest
 import yaml
@@ -77,9 +81,21 @@ def test_a_negated_map_is_read_the_other_way(grid, tmp_path):
         ({"origin": [0, 0, 0.5]}, "turned"),
         ({"origin": [0, 0]}, "origin must be"),
         ({"origin": [0, 0, "nan"]}, "origin must be"),
-        ({"resolution": 0}, "resolution a positive"),
-        ({"resolution": None}, "resolution a positive"),
+        ({"resolution": 0}, "resolution must be"),
+        ({"resolution": None}, "resolution must be"),
         ({"image": "gone.pgm"}, "gone.pgm"),
+        ({"image": "a\0b.pgm"}, "image must be"),
+        ({"image": 3}, "image must be"),
+        ({"occupied_thresh": None}, "occupied_thresh must be"),
+        ({"occupied_thresh": "much"}, "occupied_thresh must be"),
+        ({"free_thresh": 10**15}, "free_thresh must be"),
+        ({"negate": [1]}, "negate must be"),
+        ({"resolution": 1e-9}, "resolution must be"),
+        ({"resolution": 1e300}, "resolution must be"),
+        ({"resolution": float("nan")}, "resolution must be"),
+        ({"resolution": -0.05}, "resolution must be"),
+        ({"origin": [1e300, 0, 0]}, "origin must be"),
+        ({"origin": {"x": 1}}, "origin must be"),
     ],
 )
 def test_a_map_that_cannot_be_read_as_meant(grid, tmp_path, change, words):
@@ -87,6 +103,38 @@ def test_a_map_that_cannot_be_read_as_meant(grid, tmp_path, change, words):
     content = {**yaml.safe_load((tmp_path / "map.yaml").read_text()), **change}
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(content))
     with pytest.raises(ArtifactError, match=words):
+        read_map(tmp_path / "map.yaml")
+
+
+def test_numbers_that_yaml_takes_for_words_are_numbers(grid, tmp_path):
+    write_map(tmp_path, "map", grid)
+    text = (tmp_path / "map.yaml").read_text().replace("resolution: 0.05", "resolution: 5e-2")
+    (tmp_path / "map.yaml").write_text(text)
+    assert read_map(tmp_path / "map.yaml")[0].frame.resolution_m == 0.05
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        b"P5\n30000 30000\n255\n",
+        b"P5\n9999999999 9999999999\n255\n",
+        b"P5\n9500 9500\n255\n",
+        b"P5\n2 2\n255\nab",
+    ],
+)
+def test_an_image_that_claims_more_than_it_has_is_refused(grid, tmp_path, image):
+    write_map(tmp_path, "map", grid)
+    (tmp_path / "map.pgm").write_bytes(image)
+    with pytest.raises(ArtifactError, match=r"map\.pgm: not a readable map image"):
+        read_map(tmp_path / "map.yaml")
+
+
+def test_an_image_of_16_bits_is_refused(grid, tmp_path):
+    write_map(tmp_path, "map", grid)
+    Image.fromarray(np.full((4, 6), 50_000, dtype=np.uint16)).save(tmp_path / "map.png")
+    text = (tmp_path / "map.yaml").read_text().replace("map.pgm", "map.png")
+    (tmp_path / "map.yaml").write_text(text)
+    with pytest.raises(ArtifactError, match="expected 8 bits"):
         read_map(tmp_path / "map.yaml")
 
 
@@ -104,7 +152,19 @@ def test_a_trajectory_round_trip(tmp_path):
     np.testing.assert_allclose(found.poses, written.poses, atol=1e-6)
 
 
-@pytest.mark.parametrize("line", ["1 2 3", "1 0 0 0 0 0 0 x", "now 0 0 0 0 0 0 1"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "1 2 3",
+        "1 0 0 0 0 0 0 x",
+        "now 0 0 0 0 0 0 1",
+        "1e400 0 0 0 0 0 0 1",
+        "9223372037 0 0 0 0 0 0 1",
+        "1" * 5000 + " 0 0 0 0 0 0 1",
+        "1 1e300 0 0 0 0 0 1",
+        "1 inf 0 0 0 0 0 1",
+    ],
+)
 def test_a_bad_line_of_a_trajectory_is_named(tmp_path, line):
     (tmp_path / "t.tum").write_text(f"# stamp x y z qx qy qz qw\n{line}\n")
     with pytest.raises(ArtifactError, match=r"t\.tum:2: expected"):
@@ -145,6 +205,35 @@ def test_a_damaged_column_is_refused(log, tmp_path, content):
         read_scan_log(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "name, column",
+    [
+        ("ranges_m", np.zeros((3, 2))),
+        ("stamps_ns", np.array([5, 7, 7], dtype=np.uint64)),
+        ("odometry", np.array(["a", "b", "c"])),
+        ("odometry", np.array([None] * 9).reshape(3, 3)),
+        ("sensor_poses", np.array([[np.nan, 0.0, 0.0], [0.0, 0.0, 0.0]])),
+        ("geometry_index", np.array([0, 2, 0], dtype=np.int32)),
+        ("recording_index", np.array([0, 1, 0], dtype=np.int32)),
+        ("arrival_index", np.array([0, 9, 1], dtype=np.int32)),
+        ("bearings_rad", np.array([[0.0, np.inf], [0.0, 0.0]])),
+    ],
+)
+def test_columns_of_another_kind_are_refused(log, tmp_path, name, column):
+    write_scan_log(tmp_path, log)
+    np.save(tmp_path / f"{name}.npy", column)
+    with pytest.raises(ArtifactError, match=f"not a readable scan folder.*{name}"):
+        read_scan_log(tmp_path)
+
+
+@pytest.mark.parametrize("names", ["3", "[3]", "{}", "[" * 200_000, '"a.bag"'])
+def test_names_of_recordings_that_are_no_names_are_refused(log, tmp_path, names):
+    write_scan_log(tmp_path, log)
+    (tmp_path / "recordings.json").write_text(names)
+    with pytest.raises(ArtifactError, match="not a readable scan folder"):
+        read_scan_log(tmp_path)
+
+
 def test_columns_that_do_not_fit_one_another_are_refused(log, tmp_path):
     write_scan_log(tmp_path, log)
     np.save(tmp_path / "odometry.npy", np.zeros((2, 3)))
@@ -172,7 +261,7 @@ def test_a_counting_map_round_trip(counting_map, tmp_path):
 def test_beams_round_trip(tmp_path):
     e = np.array([[0.5, np.nan], [1.0, 0.0]], dtype=np.float32)
     write_beams(tmp_path / "b.npz", np.array([1, 2]), e)
-    np.testing.assert_array_equal(read_beams(tmp_path / "b.npz"), e)
+    np.testing.assert_array_equal(read_beams(tmp_path / "b.npz", (2, 2)), e)
 
 
 def test_damaged_maps_and_beams_are_refused(counting_map, tmp_path):
@@ -183,13 +272,55 @@ def test_damaged_maps_and_beams_are_refused(counting_map, tmp_path):
     flipped[60:90] = bytes(30)
     for content in (b"", b"nonsense", whole[: len(whole) // 2], bytes(flipped)):
         path.write_bytes(content)
-        for read in (read_counting_map, read_beams):
-            with pytest.raises(ArtifactError, match="again with --force"):
-                read(path)
+        assert_maps_and_beams_are_refused(path)
     np.savez(path, other=np.zeros(3))
-    for read in (read_counting_map, read_beams):
-        with pytest.raises(ArtifactError, match="again with --force"):
-            read(path)
+    assert_maps_and_beams_are_refused(path)
+
+
+def assert_maps_and_beams_are_refused(path):
+    with pytest.raises(ArtifactError, match="again with --force"):
+        read_counting_map(path)
+    with pytest.raises(ArtifactError, match="again with --force"):
+        read_beams(path, (4, 6))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"static_hits": np.zeros((4, 6))},
+        {"static_hits": np.zeros((3, 6), np.float32)},
+        {"static_hits": np.zeros((4, 6), np.float32, order="F")},
+        {"resolution_m": np.float64(np.nan)},
+        {"origin_m": np.array([0.0, np.inf])},
+        {"centroids_m": np.array([{}], dtype=object)},
+    ],
+)
+def test_a_counting_map_of_other_arrays_is_refused(counting_map, tmp_path, change):
+    path = tmp_path / "m.npz"
+    write_counting_map(path, counting_map)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez(path, **{**arrays, **change})
+    with pytest.raises(ArtifactError, match="not a readable counting map"):
+        read_counting_map(path)
+
+
+def test_an_archive_that_unpacks_to_gigabytes_is_refused_unread(tmp_path):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f4", "fortran_order": False, "shape": (2**28, 1)}
+    )
+    with (
+        zipfile.ZipFile(tmp_path / "b.npz", "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("static_probability.npy", "w") as stream,
+    ):
+        stream.write(header.getvalue())
+        for _ in range(40):
+            stream.write(bytes(2**20))
+    with pytest.raises(ArtifactError, match="at most"):
+        read_beams(tmp_path / "b.npz", (2, 2))
+    with pytest.raises(ArtifactError, match="by its header"):
+        read_beams(tmp_path / "b.npz", (2**28, 1))
 
 
 @pytest.fixture
@@ -205,6 +336,38 @@ def test_a_manifest_round_trip(manifest, tmp_path):
     assert read_manifest(tmp_path, "map") == manifest
     assert list(tmp_path.glob("*.part")) == []
     assert manifest_path(tmp_path, "map").read_bytes().endswith(b"\n")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"settings": []},
+        {"inputs": 3},
+        {"inputs": {"a": 1}},
+        {"outputs": {"a\0b": "0"}},
+        {"outputs": {"../a": "0"}},
+        {"outputs": {"/etc/passwd": "0"}},
+        {"summary": {"lines": 3}},
+        {"summary": None},
+        {"stage": "segment"},
+        {"dynmap_version": 1},
+        {"seconds": 10**400},
+        {"further": 1},
+    ],
+)
+def test_a_manifest_that_no_stage_wrote_is_refused(manifest, tmp_path, change):
+    write_manifest(tmp_path, manifest)
+    path = manifest_path(tmp_path, "map")
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(ArtifactError, match=r"map\.manifest\.json: not a .*again with --force") as caught:
+        read_manifest(tmp_path, "map")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_manifest_nested_too_deeply_is_refused(manifest, tmp_path):
+    manifest_path(tmp_path, "map").write_text("[" * 200_000)
+    with pytest.raises(ArtifactError, match="nested too deeply"):
+        read_manifest(tmp_path, "map")
 
 
 def test_a_file_that_is_not_what_was_written_is_found(manifest, tmp_path):

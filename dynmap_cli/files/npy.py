@@ -1,0 +1,114 @@
+"""Arrays in .npy and .npz files, of the type and shape that are expected, or a `ValueError`."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+Array = np.ndarray[Any, Any]
+_MAX_HEADER_BYTES = 4096
+_MOST_UNPACKED_PER_BYTE = 1100
+"""Deflate cannot do more; a file that says so lies."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """What an array must be.
+
+    Attributes
+    ----------
+    dtype : str
+        For instance "<f4".
+    shape : tuple of int or None
+        Length of each axis, None = any.
+    """
+
+    dtype: str
+    shape: tuple[int | None, ...]
+
+
+def read_npy(path: Path, column: Column, *, in_memory: bool) -> Array:
+    """Read a .npy file, or open it memory-mapped.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it is missing, cut off, damaged, or not of that type.
+    """
+    with path.open("rb") as stream:
+        shape = _checked_header(stream, path.stat().st_size, column, path.name)
+        offset = stream.tell()
+    if in_memory or 0 in shape:
+        return np.fromfile(path, dtype=column.dtype, offset=offset).reshape(shape)
+    return np.memmap(path, dtype=column.dtype, mode="r", offset=offset, shape=shape)
+
+
+def read_npz(path: Path, columns: Mapping[str, Column], max_bytes: int) -> dict[str, Array]:
+    """Read some of the arrays of a .npz file, none of them larger than *max_bytes*.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+        If it is missing, cut off, damaged, absurdly large, or its arrays are not of those types.
+    """
+    with zipfile.ZipFile(path) as archive:
+        return {
+            name: _read_member(archive, f"{name}.npy", column, max_bytes) for name, column in columns.items()
+        }
+
+
+def _read_member(archive: zipfile.ZipFile, name: str, column: Column, max_bytes: int) -> Array:
+    """Read one array of an archive."""
+    info = archive.getinfo(name)
+    most = min(max_bytes, _MOST_UNPACKED_PER_BYTE * info.compress_size) + _MAX_HEADER_BYTES
+    if info.file_size > most:
+        msg = f"{name} unpacks to {info.file_size} bytes, at most {most} are allowed"
+        raise ValueError(msg)
+    with archive.open(info) as stream:
+        return parse_npy(stream, info.file_size, column, name)
+
+
+def parse_npy(stream: IO[bytes], size: int, column: Column, name: str) -> Array:
+    """Read an array from a stream of *size* bytes; *name* is named in errors."""
+    shape = _checked_header(stream, size, column, name)
+    wanted = math.prod(shape) * np.dtype(column.dtype).itemsize
+    content = stream.read(wanted + 1)
+    if len(content) != wanted:
+        msg = f"{name} holds {len(content)} bytes of values, not {wanted}"
+        raise ValueError(msg)
+    return np.frombuffer(bytearray(content), dtype=column.dtype).reshape(shape)
+
+
+def _checked_header(stream: IO[bytes], size: int, column: Column, name: str) -> tuple[int, ...]:
+    """Shape of the array whose header stands at the start of the stream, in rows and as long as the file."""
+    if np.lib.format.read_magic(stream) != (1, 0):
+        msg = f"{name} is not a .npy file of version 1.0"
+        raise ValueError(msg)
+    try:
+        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream, _MAX_HEADER_BYTES)
+    except (SyntaxError, RecursionError) as err:
+        msg = f"{name} has a damaged header"
+        raise ValueError(msg) from err
+    wanted = np.dtype(column.dtype)
+    if dtype != wanted or is_fortran or not _fits(shape, column.shape):
+        order = " in columns" if is_fortran else ""
+        lengths = ", ".join("any" if length is None else str(length) for length in column.shape)
+        msg = f"{name} is {dtype} {shape}{order}, not {wanted} ({lengths}) in rows"
+        raise ValueError(msg)
+    if math.prod(shape) * wanted.itemsize != size - stream.tell():
+        msg = f"{name} is {shape} by its header, which are not the {size} bytes there are"
+        raise ValueError(msg)
+    return shape
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    """Whether a shape is as wanted."""
+    return len(shape) == len(wanted) and all(
+        found >= 0 and length in {None, found} for found, length in zip(shape, wanted, strict=True)
+    )
