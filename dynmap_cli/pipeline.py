@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
@@ -18,6 +19,7 @@ from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError, LogError
+from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.atomic import replacing, scratch_folder
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.manifest import (
@@ -146,6 +148,42 @@ def localize(
         locks.enter_context(writing(out_dir))
         ingested = run_stage(INGEST, _context(out_dir, config, threads, tuple(recordings)), force=force)
         return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
+
+
+def clean(
+    recordings: Sequence[Path],
+    out_path: Path,
+    config: Config,
+    *,
+    run_dir: Path | None,
+    keep_changing: bool,
+    is_label: bool,
+    force: bool,
+    threads: int,
+) -> dict[str, Any]:
+    """Write recordings without the beams that hit something that moves; without *run_dir* they are mapped first."""
+    _check_recordings(recordings)
+    check_output(out_path, recordings, force=force)
+    stages = STAGES[: STAGES.index(CLUSTER if keep_changing else MAP) + 1]
+    with ExitStack() as stack:
+        if run_dir is None:
+            run_dir = Path(stack.enter_context(TemporaryDirectory(prefix="dynmap-")))
+            context = _context(run_dir, config, threads, tuple(recordings))
+            for stage in stages:
+                run_stage(stage, context, force=False)
+        else:
+            if not run_dir.is_dir():
+                msg = (
+                    f"{run_dir}: no such run directory. Leave out --run to have the recordings mapped first."
+                )
+                raise ArtifactError(msg)
+            stack.enter_context(reading(run_dir))
+            for stage in stages:
+                _outputs_of(run_dir / stage.folder, stage)
+                _check_chain(run_dir, stage)
+        return clean_to_file(
+            run_dir, recordings, out_path, config.ingest, keep_changing=keep_changing, is_label=is_label
+        )
 
 
 def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path | None = None) -> StageResult:

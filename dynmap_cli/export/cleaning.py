@@ -1,0 +1,178 @@
+"""A recording written again without the beams that hit something that moves, every other byte as it was."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from dynmap_cli.errors import ArtifactError, LogError
+from dynmap_cli.export.labels import LABEL_SUFFIX, BeamLabels
+from dynmap_cli.export.messages import Channel, Container, Stored, in_order, open_container
+from dynmap_cli.export.scan_bytes import parse_scan
+from dynmap_cli.export.text_logs import TextChoices, text_container
+from dynmap_cli.files.atomic import replacing
+from dynmap_cli.ingest.carmen import read_carmen
+from dynmap_cli.ingest.containers import Source, find_sources
+from dynmap_cli.ingest.ros_messages import LASER_TYPES
+from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.wean import read_wean
+
+_ENCODINGS = ("cdr", "ros1")
+_TEXT_READERS = {"carmen": read_carmen, "wean": read_wean}
+
+
+@dataclass(slots=True)
+class Cleaned:
+    """What was written.
+
+    Attributes
+    ----------
+    scans : Counter
+        Sweeps that the run has labels for, by topic.
+    beams, removed : int
+        Beams of these sweeps, and how many of them are NaN now (or labelled so).
+    other_scans : Counter
+        Sweeps that the run has no labels for, copied as they were, by topic.
+    other_messages : int
+        Copied byte for byte.
+    """
+
+    scans: Counter[str] = field(default_factory=Counter)
+    beams: int = 0
+    removed: int = 0
+    other_scans: Counter[str] = field(default_factory=Counter)
+    other_messages: int = 0
+
+
+def write_clean(
+    paths: Sequence[Path],
+    out_path: Path,
+    labels: BeamLabels,
+    *,
+    text: TextChoices,
+    is_label: bool,
+    settings: IngestSettings,
+) -> Cleaned:
+    """Write recordings as one MCAP file in which the removed beams are NaN.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The recordings the labels were made from.
+    out_path : Path
+    labels : BeamLabels
+    text : TextChoices
+        What a text log leaves open.
+    is_label : bool
+        Keep the scans, and put the static probabilities beside them: intensities of scans on
+        TOPIC/static_probability.
+    settings : IngestSettings
+        How much may be unpacked.
+
+    Raises
+    ------
+    LogError
+        If a recording cannot be read.
+    ArtifactError
+        If the recordings are not those of the labels, or the output cannot be written.
+    """
+    done = Cleaned()
+    with ExitStack() as stack:
+        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="dynmap-")))
+        limit_bytes = int(settings.max_unpacked_gib * 2**30)
+        sources = [source for path in paths for source in find_sources(path, scratch, limit_bytes)]
+        containers = [one for source in sources for one in _opened(source, text, stack)]
+        with replacing(out_path) as part, part.open("wb") as stream:
+            writer = _McapCopy(Writer(stream, compression=CompressionType.ZSTD, enable_crcs=True), containers)
+            for stored in in_order(containers):
+                _take(stored, writer, labels, done, is_label=is_label)
+            missing = int((~labels.was_found).sum())
+            if missing:
+                msg = (
+                    f"{', '.join(map(str, paths))}: {missing} of the {labels.was_found.size} scans of the run are not "
+                    "in it. Pass the recordings that the run was made from, or leave out --run."
+                )
+                raise ArtifactError(msg)
+            writer.finish()
+    return done
+
+
+def _opened(source: Source, text: TextChoices, stack: ExitStack) -> list[Container]:
+    """Open one recording of any kind."""
+    if source.kind in _TEXT_READERS:
+        return [text_container(_TEXT_READERS[source.kind](source.path, source.name), text)]
+    return open_container(source, stack)
+
+
+def _take(stored: Stored, writer: _McapCopy, labels: BeamLabels, done: Cleaned, *, is_label: bool) -> None:
+    """Write one message, and its labels."""
+    channel = stored.channel
+    if channel.message_encoding not in _ENCODINGS or channel.message_type not in LASER_TYPES:
+        done.other_messages += 1
+        writer.add(stored)
+        return
+    try:
+        scan = parse_scan(stored.data, channel.message_encoding, channel.message_type)
+    except LogError:
+        row = None
+    else:
+        row = labels.row_of(scan.stamp_ns or stored.logged_ns, scan.first_echoes_m)
+    if row is None:
+        done.other_scans[channel.topic] += 1
+        writer.add(stored)
+        return
+    removed = labels.removed(row, scan.offsets.size)
+    done.scans[channel.topic] += 1
+    done.beams += removed.size
+    done.removed += int(removed.sum())
+    if not is_label:
+        writer.add(stored._replace(data=scan.without(removed)))
+        return
+    writer.add(stored)
+    beside = replace(channel, topic=channel.topic + LABEL_SUFFIX)
+    values = labels.static_probability(row, scan.offsets.size)
+    writer.add(stored._replace(channel=beside, data=scan.with_intensities(values)))
+
+
+class _McapCopy:
+    """Writes messages with their channels; attachments and metadata of MCAP files come first."""
+
+    def __init__(self, writer: Writer, containers: Sequence[Container]) -> None:
+        self._writer = writer
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[Channel, int] = {}
+        profiles = {container.profile for container in containers}
+        writer.start(profile=profiles.pop() if len(profiles) == 1 else "", library="dynmap clean")
+        for container in containers:
+            for one in container.attachments:
+                writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+            for note in container.metadata:
+                writer.add_metadata(note.name, note.metadata)
+
+    def add(self, stored: Stored) -> None:
+        """Write a message as it is."""
+        number = self._channels.get(stored.channel)
+        if number is None:
+            number = self._channels[stored.channel] = self._register(stored.channel)
+        self._writer.add_message(
+            number, stored.logged_ns, stored.data, stored.published_ns, sequence=stored.sequence
+        )
+
+    def finish(self) -> None:
+        """Write index and summary."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _register(self, channel: Channel) -> int:
+        """Announce a channel, and its schema where it is new."""
+        schema = channel.schema_name, channel.schema_encoding, channel.schema_data
+        if channel.schema_name and schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(*schema)
+        return self._writer.register_channel(
+            channel.topic, channel.message_encoding, self._schemas.get(schema, 0), dict(channel.metadata)
+        )

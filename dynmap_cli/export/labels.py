@@ -1,0 +1,85 @@
+"""The labels of a run, found again for each message of its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.scans import ScanLog, end_points
+
+DYNAMIC_BELOW = 0.5
+LABEL_SUFFIX = "/static_probability"
+_REFLECTS = 0.2
+_SUPPORT_M = 0.075
+
+
+class BeamLabels:
+    """Static probability of each beam, and which beams are removed; rows are found by stamp and ranges.
+
+    Two lasers may stamp alike, and a recording may hold a sweep twice, so the ranges decide.
+    """
+
+    def __init__(self, log: ScanLog, static_probability: F32, is_removed: B1) -> None:
+        self._log, self._static_probability, self._is_removed = log, static_probability, is_removed
+        self._n_beams = np.isfinite(log.bearings_rad).sum(axis=1)
+        self._rows: dict[int, list[int]] = {}
+        for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
+            self._rows.setdefault(stamp_ns, []).append(row)
+        self.was_found = np.zeros(log.n_scans, dtype=bool)
+
+    def row_of(self, stamp_ns: int, ranges_m: F32) -> int | None:
+        """Row of the sweep with this stamp and these ranges (n_beams,), None where the run has none."""
+        for row in self._rows.get(stamp_ns, ()):
+            if self._n_beams[self._log.geometry_index[row]] != ranges_m.size:
+                continue
+            kept = np.asarray(self._log.ranges_m[row, : ranges_m.size])
+            if np.array_equal(kept[np.isfinite(kept)], ranges_m[np.isfinite(kept)]):
+                self.was_found[row] = True
+                return row
+        return None
+
+    def removed(self, row: int, n_beams: int) -> B1:
+        """(n_beams,) whether each beam of a sweep is removed."""
+        return np.asarray(self._is_removed[row, :n_beams])
+
+    def static_probability(self, row: int, n_beams: int) -> F32:
+        """(n_beams,) e of each beam of a sweep, NaN where it has no end point."""
+        return np.asarray(self._static_probability[row, :n_beams])
+
+
+def hits_known_state(log: ScanLog, poses: F64, chosen: B1, patch_sets: Sequence[PatchSet]) -> B1:
+    """(n_scans, n_beams) which of the chosen beams end where a state of some sub-map reflects.
+
+    Parameters
+    ----------
+    log : ScanLog
+    poses : (n_scans, 3) float64
+        map_from_robot.
+    chosen : (n_scans, n_beams) bool
+        Beams that have an end point.
+    patch_sets : sequence of PatchSet
+    """
+    points = end_points(log, poses, chosen)
+    found = np.zeros(points.shape[0], dtype=bool)
+    for patch_set in patch_sets:
+        found |= _ends_on(points, patch_set)
+    result = np.zeros(chosen.shape, dtype=bool)
+    result[chosen] = found
+    return result
+
+
+def _ends_on(points_m: F64, patch_set: PatchSet) -> B1:
+    """(n,) whether a point lies in, or beside, a cell that reflects in some state."""
+    values = np.stack([np.nan_to_num(patch.reflectance) for patch in patch_set.patches])
+    frame, reflects = patch_set.frame, np.asarray(values.max(axis=0) >= _REFLECTS)
+    found = np.zeros(points_m.shape[0], dtype=bool)
+    reach = max(1, round(_SUPPORT_M / frame.resolution_m))
+    base = frame.to_cells(points_m)
+    for step in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        cells = base + np.array(step) - reach
+        inside = ((cells >= 0) & (cells < np.array(frame.shape))).all(axis=1)
+        found[inside] |= reflects[cells[inside, 0], cells[inside, 1]]
+    return found

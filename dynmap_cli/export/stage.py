@@ -1,0 +1,101 @@
+"""The door of the room: a run and its recordings -> a clean recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.export.labels import DYNAMIC_BELOW, LABEL_SUFFIX, BeamLabels, hits_known_state
+from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.manifest import read_manifest
+from dynmap_cli.files.patch_archive import read_patches
+from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.trajectory import read_tum
+from dynmap_cli.ingest.settings import IngestSettings
+
+if TYPE_CHECKING:
+    from dynmap_cli.export.cleaning import Cleaned
+
+
+def check_output(out_path: Path, recordings: Sequence[Path], *, force: bool) -> None:
+    """Refuse an output that other tools would not know as MCAP, or that would replace something."""
+    if out_path.suffix != ".mcap":
+        msg = f"{out_path}: a clean recording is an MCAP file; its name must end in .mcap"
+        raise ArtifactError(msg)
+    if any(out_path.resolve().is_relative_to(path.resolve()) for path in recordings):
+        msg = f"{out_path}: is, or lies in, the recording that is read. Choose another output."
+        raise ArtifactError(msg)
+    if out_path.exists() and not force:
+        msg = f"{out_path}: exists already. Pass --force to replace it, or choose another output."
+        raise ArtifactError(msg)
+
+
+def clean_to_file(
+    run_dir: Path,
+    recordings: Sequence[Path],
+    out_path: Path,
+    settings: IngestSettings,
+    *,
+    keep_changing: bool,
+    is_label: bool,
+) -> dict[str, Any]:
+    """Write *recordings* without the beams that the run calls dynamic.
+
+    Parameters
+    ----------
+    run_dir : Path
+        A run of these recordings, done up to `map`, or up to `cluster` with *keep_changing*.
+    recordings : sequence of Path
+    out_path : Path
+    settings : IngestSettings
+    keep_changing : bool
+        Keep beams that end on a known state of a sub-map: doors and boxes, however rarely they stood there.
+    is_label : bool
+        Leave the scans as they are and add the labels beside them.
+    """
+    from dynmap_cli.export.cleaning import write_clean
+    from dynmap_cli.export.text_logs import TextChoices
+
+    log = read_scan_log(run_dir / "scans")
+    static_probability = read_beams(run_dir / "map" / "beams.npz", log.ranges_m.shape)
+    is_removed = np.asarray(static_probability < DYNAMIC_BELOW)
+    kept = 0
+    if keep_changing:
+        poses = read_tum(run_dir / "map" / "trajectory.tum").poses
+        on_state = hits_known_state(log, poses, is_removed, read_patches(run_dir / "patches" / "patches.zip"))
+        kept, is_removed = int(on_state.sum()), is_removed & ~on_state
+    ingested = read_manifest(run_dir / "scans", "ingest")
+    text = TextChoices(
+        str(ingested.summary.get("odometry", "")) if ingested else "", float(log.range_limits_m[:, 1].max())
+    )
+    labels = BeamLabels(log, static_probability, is_removed)
+    done = write_clean(recordings, out_path, labels, text=text, is_label=is_label, settings=settings)
+    return {
+        "scans": dict(done.scans),
+        "beams": done.beams,
+        "removed_beams": done.removed,
+        "kept_on_changing_things": kept,
+        "other_scans": dict(done.other_scans),
+        "other_messages": done.other_messages,
+        "output": str(out_path),
+        "lines": _lines(done, kept, out_path, is_label=is_label),
+    }
+
+
+def _lines(done: Cleaned, kept: int, out_path: Path, *, is_label: bool) -> list[str]:
+    """What was written, as sentences."""
+    what = "are called dynamic" if is_label else "are NaN now"
+    scans = ", ".join(f"{count} scans on {topic}" for topic, count in sorted(done.scans.items()))
+    lines = [f"{scans}: {done.removed} of {done.beams} beams hit something that moves and {what}"]
+    if is_label:
+        lines.append(f"labels are the intensities of the scans on TOPIC{LABEL_SUFFIX}")
+    if kept:
+        lines.append(f"{kept} beams that end on a known state of a sub-map were kept")
+    if done.other_scans:
+        others = ", ".join(f"{count} on {topic}" for topic, count in sorted(done.other_scans.items()))
+        lines.append(f"scans that the map does not use, as they were: {others}")
+    return [*lines, f"{done.other_messages} other messages, as they were", f"recording  {out_path}"]
