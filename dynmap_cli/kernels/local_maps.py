@@ -19,6 +19,8 @@ SIZE, MASK = 2048, 2047
 COARSE, COARSE_MASK, COARSE_M = 512, 511, 0.2
 FREE_CELL_M, FREE_SIDE = 0.1, 300
 """The free-space mask covers 30 m x 30 m around the anchor in cells of 10 cm."""
+REACH = 3
+"""Drawn points are found up to this many fine cells away."""
 MATCHED, SEEN, IN_FREE, RESIDUAL = 0, 1, 2, 3
 
 
@@ -96,16 +98,16 @@ def collect_local_map(
             weight = 1.0 if math.isnan(e) else e
             x_m = x0 + cos * end_points[k, 0] - sin * end_points[k, 1]
             y_m = y0 + sin * end_points[k, 0] + cos * end_points[k, 1]
-            # Free up to 20 cm before the end point, in steps of half a mask cell.
+            # Free up to 20 cm before the end point, in steps of a mask cell.
             length = math.sqrt((x_m - sx) ** 2 + (y_m - sy) ** 2)
-            steps = int((length - 0.2) / (0.5 * FREE_CELL_M))
-            for step in range(max(steps, 0)):
-                t = step * 0.5 * FREE_CELL_M / length
-                col = int(math.floor((sx + t * (x_m - sx)) / FREE_CELL_M)) + half_free
-                row = int(math.floor((sy + t * (y_m - sy)) / FREE_CELL_M)) + half_free
-                if not (0 <= row < FREE_SIDE and 0 <= col < FREE_SIDE):
+            step_x, step_y = (x_m - sx) / length, (y_m - sy) / length
+            free_x, free_y = sx / FREE_CELL_M + half_free, sy / FREE_CELL_M + half_free
+            for _ in range(int((length - 0.2) / FREE_CELL_M)):
+                if not (0.0 <= free_x < FREE_SIDE and 0.0 <= free_y < FREE_SIDE):
                     break
-                free[row, col] = 1
+                free[int(free_y), int(free_x)] = 1
+                free_x += step_x
+                free_y += step_y
             if weight < 0.5:
                 continue
             x, y = x_m / CELL_M, y_m / CELL_M
@@ -169,7 +171,7 @@ def draw_local_map(points: F32, count: int, draw: int, index: I32, field: U8, co
     points : (n, 2) float32
         The first *count* are drawn.
     index : (SIZE, SIZE) int32
-        Number of the point in each cell, -1 = none.
+        Number of the point that is nearest to each cell's centre, of those within REACH cells; -1 = none.
     field : (SIZE, SIZE) uint8
         255 at points, less within two cells.
     coarse : (COARSE, COARSE) uint8
@@ -177,7 +179,17 @@ def draw_local_map(points: F32, count: int, draw: int, index: I32, field: U8, co
     """
     for k in range(count):
         col, row = int(math.floor(points[k, 0] / CELL_M)), int(math.floor(points[k, 1] / CELL_M))
-        index[row & MASK, col & MASK] = k if draw else -1
+        for dr in range(-REACH, REACH + 1):
+            for dc in range(-REACH, REACH + 1):
+                r, c = (row + dr) & MASK, (col + dc) & MASK
+                other = index[r, c]
+                if draw and other >= 0:
+                    x_m, y_m = (col + dc + 0.5) * CELL_M, (row + dr + 0.5) * CELL_M
+                    ours = (points[k, 0] - x_m) ** 2 + (points[k, 1] - y_m) ** 2
+                    theirs = (points[other, 0] - x_m) ** 2 + (points[other, 1] - y_m) ** 2
+                    if theirs <= ours:
+                        continue
+                index[r, c] = k if draw else -1
         for dr in range(-2, 3):
             for dc in range(-2, 3):
                 value = int(255.0 * math.exp(-0.35 * (dr * dr + dc * dc))) if draw else 0
@@ -283,6 +295,21 @@ def search_coarse(
 
 
 @kernel
+def _nearest(x_m: float, y_m: float, drawn_points: F32, index: I32) -> int:
+    """Drawn point nearest to a place, of those noted in the four cells around it; -1 = none."""
+    col, row = int(math.floor(x_m / CELL_M - 0.5)), int(math.floor(y_m / CELL_M - 0.5))
+    nearest, best = -1, math.inf
+    for r in range(row, row + 2):
+        for c in range(col, col + 2):
+            other = index[r & MASK, c & MASK]
+            if other >= 0 and other != nearest:
+                squared = (drawn_points[other, 0] - x_m) ** 2 + (drawn_points[other, 1] - y_m) ** 2
+                if squared < best:
+                    nearest, best = other, squared
+    return nearest
+
+
+@kernel
 def refine_local_map(
     points: F32,
     count: int,
@@ -341,7 +368,7 @@ def refine_local_map(
     squared = weight_sum = 0.0
     for iteration in range(12):
         scale = 0.06 if polish or iteration > 2 else 0.12
-        radius = 2 if polish or iteration > 2 else 3
+        reach = (2.5 if polish or iteration > 2 else 3.5) * CELL_M
         for i in range(3):
             for j in range(3):
                 information[i, j] = 0.0
@@ -351,22 +378,14 @@ def refine_local_map(
             px = cos * points[k, 0] - sin * points[k, 1]
             py = sin * points[k, 0] + cos * points[k, 1]
             x, y = pose[0] + px, pose[1] + py
-            col, row = int(math.floor(x / CELL_M)), int(math.floor(y / CELL_M))
-            best_distance = ((radius + 0.5) * CELL_M) ** 2
-            nearest = -1
-            for dr in range(-radius, radius + 1):
-                for dc in range(-radius, radius + 1):
-                    other = index[(row + dr) & MASK, (col + dc) & MASK]
-                    if other >= 0:
-                        distance = (drawn_points[other, 0] - x) ** 2 + (drawn_points[other, 1] - y) ** 2
-                        if distance < best_distance:
-                            best_distance, nearest = distance, other
+            nearest = _nearest(x, y, drawn_points, index)
             if nearest < 0:
                 continue
+            ex, ey = x - drawn_points[nearest, 0], y - drawn_points[nearest, 1]
             nx, ny = float(drawn_normals[nearest, 0]), float(drawn_normals[nearest, 1])
-            if nx == 0.0 and ny == 0.0:
+            if ex * ex + ey * ey > reach * reach or (nx == 0.0 and ny == 0.0):
                 continue
-            residual = nx * (x - drawn_points[nearest, 0]) + ny * (y - drawn_points[nearest, 1])
+            residual = nx * ex + ny * ey
             w = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
             turn = -nx * py + ny * px
             information[0, 0] += w * nx * nx
@@ -432,21 +451,15 @@ def judge_fit(
     for k in range(0, count, stride):
         x = pose[0] + cos * points[k, 0] - sin * points[k, 1]
         y = pose[1] + sin * points[k, 0] + cos * points[k, 1]
-        col, row = int(math.floor(x / CELL_M)), int(math.floor(y / CELL_M))
-        fits = False
-        for dr in range(-2, 3):
-            for dc in range(-2, 3):
-                other = index[(row + dr) & MASK, (col + dc) & MASK]
-                if other >= 0:
-                    ex, ey = x - drawn_points[other, 0], y - drawn_points[other, 1]
-                    nx, ny = float(drawn_normals[other, 0]), float(drawn_normals[other, 1])
-                    if nx == 0.0 and ny == 0.0:
-                        fits = fits or ex * ex + ey * ey < 0.08**2
-                    else:
-                        fits = fits or abs(nx * ex + ny * ey) < 0.08
-        if fits:
-            matched += 1
-            continue
+        nearest = _nearest(x, y, drawn_points, index)
+        if nearest >= 0:
+            ex, ey = x - drawn_points[nearest, 0], y - drawn_points[nearest, 1]
+            nx, ny = float(drawn_normals[nearest, 0]), float(drawn_normals[nearest, 1])
+            squared = ex * ex + ey * ey
+            across = abs(nx * ex + ny * ey)
+            if squared < 0.08**2 or (squared < 0.125**2 and across < 0.08 and (nx != 0.0 or ny != 0.0)):
+                matched += 1
+                continue
         col, row = int(math.floor(x / FREE_CELL_M)) + half, int(math.floor(y / FREE_CELL_M)) + half
         if 0 <= row < FREE_SIDE and 0 <= col < FREE_SIDE and drawn_free[row, col]:
             free += 1

@@ -23,7 +23,7 @@ _LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
 _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
 _RESIDUAL_M = 0.1
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
-_DENSE_ROUNDS, _DENSE_STEPS = 2, 6
+_DENSE_STEPS = 6
 _DENSE_MIN_SEEN, _DENSE_MIN_MATCHED, _DENSE_MAX_RESIDUAL_M = 0.3, 0.6, 0.05
 
 
@@ -96,7 +96,7 @@ def close_loops(
 def refine_graph(
     sweeps: Sweeps, rays: Rays, front: Registered, graph: Graph, maps: list[LocalMap] | None = None
 ) -> Graph:
-    """Fit each key scan on the local maps around it and optimise; twice, the second time on maps drawn anew.
+    """Fit each key scan on the local maps around it, and optimise (dense refinement).
 
     Parameters
     ----------
@@ -104,18 +104,16 @@ def refine_graph(
         As for `close_loops`; the beams may have other weights than when the loops were found.
     graph : Graph
     maps : list of LocalMap, optional
-        Made with these weights and nearly these poses, for the first time.
+        Made with these weights and nearly these poses; drawn anew without them.
     """
-    keys, poses, edges, weights = graph.keys, graph.poses, graph.edges, graph.weights
+    keys = graph.keys
     if keys.size < 3:
         return graph
-    for _ in range(_DENSE_ROUNDS):
-        maps = maps or make_local_maps(sweeps, rays, front.twists, keys, poses)
-        anchors = anchors_of(maps)
-        dense = _dense_edges(sweeps, rays, front.twists, keys, poses, maps, anchors)
-        edges = join_edges(_chain_edges(front.poses[keys]), _loop_edges(graph.loops, anchors), dense)
-        poses, weights = optimise(poses, edges, _scales(edges), graduated=False, rounds=_DENSE_STEPS)
-        maps = None
+    maps = maps or make_local_maps(sweeps, rays, front.twists, keys, graph.poses)
+    anchors = anchors_of(maps)
+    dense = _dense_edges(sweeps, rays, front.twists, keys, graph.poses, maps, anchors)
+    edges = join_edges(_chain_edges(front.poses[keys]), _loop_edges(graph.loops, anchors), dense)
+    poses, weights = optimise(graph.poses, edges, _scales(edges), graduated=False, rounds=_DENSE_STEPS)
     return replace(graph, poses=poses, edges=edges, weights=weights)
 
 
@@ -229,30 +227,34 @@ def _dense_edges(
 ) -> Edges:
     """Each key scan fitted on the local maps around it, of this pass and of others."""
     easel = Easel()
-    parts = [no_edges()]
-    for number, nodes in enumerate(_dense_pairs(poses, anchors)):
-        if nodes.size == 0:
-            continue
-        easel.draw(maps[number])
-        starts = between(poses[anchors[number]], poses[nodes])
-        fitted, information, judged = easel.fit_scans(sweeps, rays, twists, keys[nodes], starts)
-        seen = judged[:, SEEN]
-        good = (
-            (seen >= _DENSE_MIN_SEEN)
-            & (judged[:, MATCHED] >= _DENSE_MIN_MATCHED * seen)
-            & (judged[:, RESIDUAL] <= _DENSE_MAX_RESIDUAL_M)
-        )
-        count = int(good.sum())
-        parts.append(
-            Edges(
-                np.full(count, anchors[number]),
-                nodes[good],
-                fitted[good],
-                _capped(information[good] / _RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
-                np.full(count, DENSE, dtype=np.uint8),
+    pairs = _dense_pairs(poses, anchors)
+    second = np.concatenate(pairs)
+    first = np.repeat(anchors, [nodes.size for nodes in pairs])
+    starts = between(poses[first], poses[second])
+    fitted, information = starts.copy(), np.zeros((second.size, 3, 3))
+    judged = np.zeros((second.size, 4))
+    end = 0
+    for number, nodes in enumerate(pairs):
+        begin, end = end, end + nodes.size
+        if nodes.size:
+            part = slice(begin, end)
+            easel.draw(maps[number])
+            fitted[part], information[part], judged[part] = easel.fit_scans(
+                sweeps, rays, twists, keys[nodes], starts[part]
             )
-        )
-    return join_edges(*parts)
+    seen = judged[:, SEEN]
+    good = (
+        (seen >= _DENSE_MIN_SEEN)
+        & (judged[:, MATCHED] >= _DENSE_MIN_MATCHED * seen)
+        & (judged[:, RESIDUAL] <= _DENSE_MAX_RESIDUAL_M)
+    )
+    return Edges(
+        first[good],
+        second[good],
+        fitted[good],
+        _capped(information[good] / _RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
+        np.full(int(good.sum()), DENSE, dtype=np.uint8),
+    )
 
 
 def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:

@@ -108,11 +108,12 @@ def optimise(
     mu = float(np.max(squared_distances(current, edges) / squared_scales, initial=1.0))
     mu = max(1.0, min(2.0 * mu, 1e4)) if graduated else 1.0
     weights = np.ones(len(edges))
+    equations = _NormalEquations(edges, poses.shape[0])
     for _ in range(rounds):
         squared = squared_distances(current, edges)
         finite = np.isfinite(squared_scales)
         weights[finite] = (mu * squared_scales[finite] / (mu * squared_scales[finite] + squared[finite])) ** 2
-        step = _gauss_newton_step(current, edges, weights)
+        step = equations.step(current, weights)
         current += step
         current[:, 2] = wrap_angle(current[:, 2])
         if mu == 1.0 and float(np.abs(step).max()) < 1e-4:
@@ -136,29 +137,51 @@ def jacobians(poses: F64, edges: Edges) -> tuple[F64, F64]:
     return first, second
 
 
-def _gauss_newton_step(poses: F64, edges: Edges, weights: F64) -> F64:
-    """Solve the normal equations of all edges once; (n, 3) step."""
-    error = residuals(poses, edges)
-    by_first, by_second = jacobians(poses, edges)
-    weighted = edges.information * weights[:, None, None]
-    size = 3 * poses.shape[0]
-    offsets = np.arange(3)
-    rows, cols, values = [], [], []
-    right = np.zeros(size)
-    sides = ((edges.first, by_first), (edges.second, by_second))
-    for node_a, jac_a in sides:
-        transposed = jac_a.transpose(0, 2, 1) @ weighted
-        np.add.at(right, (3 * node_a[:, None] + offsets), -(transposed @ error[:, :, None])[:, :, 0])
-        for node_b, jac_b in sides:
-            block = transposed @ jac_b
-            rows.append(np.broadcast_to((3 * node_a[:, None] + offsets)[:, :, None], block.shape).ravel())
-            cols.append(np.broadcast_to((3 * node_b[:, None] + offsets)[:, None, :], block.shape).ravel())
-            values.append(block.ravel())
-    rows.append(np.arange(size))
-    cols.append(np.arange(size))
-    values.append(np.concatenate([np.full(3, _ANCHOR_WEIGHT), np.full(size - 3, 1e-9)]))
-    matrix = sparse.csc_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=(size, size)
-    )
-    solver = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    return np.asarray(solver.solve(right)).reshape(-1, 3)
+class _NormalEquations:
+    """The normal equations of a set of edges: where their blocks stand in the sparse matrix is worked out once."""
+
+    def __init__(self, edges: Edges, n_nodes: int) -> None:
+        self._edges, self._n_nodes = edges, n_nodes
+        nodes = np.arange(n_nodes)
+        rows = np.concatenate([edges.first, edges.first, edges.second, edges.second, nodes])
+        cols = np.concatenate([edges.first, edges.second, edges.first, edges.second, nodes])
+        self._order = np.lexsort((rows, cols))
+        place = (cols * n_nodes + rows)[self._order]
+        self._starts = np.flatnonzero(np.diff(place, prepend=-1))
+        block_rows, block_cols = place[self._starts] % n_nodes, place[self._starts] // n_nodes
+        # Blocks of a column stand one under another; each of its three scalar columns takes a row of all of them.
+        per_column = np.bincount(block_cols, minlength=n_nodes)
+        self._indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * per_column, 3))])
+        before = (np.cumsum(per_column) - per_column)[block_cols]
+        number_in_column = np.arange(block_cols.size) - before
+        at = 9 * before[:, None] + 3 * (
+            per_column[block_cols][:, None] * np.arange(3) + number_in_column[:, None]
+        )
+        self._places = at[:, :, None] + np.arange(3)
+        self._indices = np.empty(9 * block_rows.size, dtype=np.int32)
+        self._indices[self._places] = (3 * block_rows[:, None] + np.arange(3))[:, None, :]
+        damping = np.zeros((n_nodes, 3, 3))
+        damping[:, [0, 1, 2], [0, 1, 2]] = 1e-9
+        damping[0, [0, 1, 2], [0, 1, 2]] = _ANCHOR_WEIGHT
+        self._damping = damping
+
+    def step(self, poses: F64, weights: F64) -> F64:
+        """Solve once; (n, 3) Gauss-Newton step."""
+        edges = self._edges
+        error = residuals(poses, edges)
+        by_first, by_second = jacobians(poses, edges)
+        weighted = edges.information * weights[:, None, None]
+        right = np.zeros((self._n_nodes, 3))
+        blocks = []
+        for node, jacobian in ((edges.first, by_first), (edges.second, by_second)):
+            transposed = jacobian.transpose(0, 2, 1) @ weighted
+            np.subtract.at(right, node, (transposed @ error[:, :, None])[:, :, 0])
+            blocks += [transposed @ by_first, transposed @ by_second]
+        stacked = np.concatenate([*blocks, self._damping])[self._order]
+        sums = np.add.reduceat(stacked, self._starts, axis=0)
+        values = np.empty(self._indices.size)
+        values[self._places] = sums.transpose(0, 2, 1)
+        size = 3 * self._n_nodes
+        matrix = sparse.csc_matrix((values, self._indices, self._indptr), shape=(size, size))
+        solver = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return np.asarray(solver.solve(right.ravel())).reshape(-1, 3)

@@ -148,6 +148,9 @@ class Registrar:
         self.lost_scans = int(front.is_lost.sum())
         self._front = front
         self.graph = close_loops(sweeps, self._rays, front, LoopParams(), _note)
+        if weights is not None or self._settings.max_rounds == 1:
+            # In the first of several rounds the next one fits the poses again.
+            self.graph = refine_graph(sweeps, self._rays, front, self.graph)
         return self._in_log_order(spread_to_scans(front, self.graph))
 
     def _in_log_order(self, poses: F64) -> F64:
