@@ -1,7 +1,9 @@
 """`make bench`: runs the tables and writes RESULTS.md and the short form in the README.
 
-Run it from anywhere: `python tests/bench/run.py`. Recordings of others are taken from the folder that the
-environment variable DYNMAP_DATA names, by default ../shared/data beside the checkout.
+Run it from anywhere: `python tests/bench/run.py`. Tables that take long are only made when `--only` names one of
+them alone; each has a section of its own in RESULTS.md, which stays until it is measured again. Recordings of others
+are taken from the folder that the environment variable DYNMAP_DATA names, by default ../shared/data beside the
+checkout.
 """
 
 from __future__ import annotations
@@ -17,21 +19,41 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.bench import beams, kernels, localization, machine, peers, real_logs, states
+from tests.bench import (
+    beams,
+    crowd,
+    kernels,
+    localization,
+    mapping_cost,
+    odometry,
+    patrol,
+    peers,
+    real_logs,
+    robustness,
+    states,
+)
 from tests.bench.measured import PROJECT, Jobs, dynmap
+from tests.bench.results import RESULTS, page, rewrite_short_form, section, with_section, with_sections_of
 from tests.bench.tables import Table
 from tests.bench.worlds import Bench
 
 TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "trajectories": real_logs.tables,
+    "cost": mapping_cost.tables,
+    "noise": robustness.rough_tables,
+    "odometry": odometry.tables,
+    "crowd": crowd.tables,
+    "patrol": patrol.tables,
     "beams": beams.tables,
     "states": states.tables,
     "localization": localization.tables,
     "peers": peers.tables,
     "speed": kernels.tables,
 }
-RESULTS = Path(__file__).with_name("RESULTS.md")
-_BEGIN, _END = "<!-- bench:begin -->", "<!-- bench:end -->"
+LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
+    "robustness": robustness.tables,
+    "length": patrol.length_tables,
+}
 
 
 def main() -> int:
@@ -47,13 +69,17 @@ def main() -> int:
     for name in options.only:
         tables += _made(name, bench)
     minutes = (time.perf_counter() - started) / 60
-    text = "\n".join(_page(tables, minutes, options))
-    if options.quick or set(options.only) != set(TABLES):
-        sys.stdout.write(text)
-    else:
-        RESULTS.write_text(text, encoding="utf-8")
+    old = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else ""
+    if not options.quick and options.only == list(TABLES):
+        text = page(tables, minutes)
+        RESULTS.write_text(with_sections_of(text, old), encoding="utf-8")
         rewrite_short_form(PROJECT / "README.md", tables)
-        sys.stdout.write(f"{RESULTS} written after {minutes:.1f} min\n")
+    elif not options.quick and len(options.only) == 1 and options.only[0] in LONG_TABLES:
+        text = section(options.only[0], tables, minutes)
+        RESULTS.write_text(with_section(old, options.only[0], text), encoding="utf-8")
+    else:
+        text = page(tables, minutes, is_quick=options.quick)
+    sys.stdout.write(text)
     if options.keep is None:
         shutil.rmtree(folder)
     return 1 if "**failed**" in text else 0
@@ -65,53 +91,24 @@ def _options() -> argparse.Namespace:
         "--only",
         type=lambda words: words.split(","),
         default=list(TABLES),
-        help=f"some of {','.join(TABLES)}",
+        help=f"some of {','.join(TABLES)}; or one of those that take long: {', '.join(LONG_TABLES)}",
     )
     parser.add_argument("--quick", action="store_true", help="few worlds and seeds, for development")
     parser.add_argument(
         "--keep", type=Path, metavar="DIR", help="make recordings and runs here, and keep them"
     )
     options = parser.parse_args()
-    if unknown := set(options.only) - set(TABLES):
-        parser.error(f"unknown table {sorted(unknown)[0]!r}, only {', '.join(TABLES)}")
+    if unknown := set(options.only) - set(TABLES) - set(LONG_TABLES):
+        parser.error(f"unknown table {sorted(unknown)[0]!r}, only {', '.join([*TABLES, *LONG_TABLES])}")
     return options
 
 
 def _made(name: str, bench: Bench) -> list[Table]:
     """Make tables; a failure becomes a table that says why."""
     try:
-        return TABLES[name](bench)
+        return (TABLES | LONG_TABLES)[name](bench)
     except Exception as err:
         return [Table(name, [f"**failed**: {type(err).__name__}: {err}"], [name])]
-
-
-def _page(tables: list[Table], minutes: float, options: argparse.Namespace) -> list[str]:
-    lines = [
-        "# Measured",
-        "",
-        "Written by `make bench`; numbers as they came out, good or bad.",
-        "",
-        *machine.describe(),
-        f"- the bench ran {minutes:.1f} min{', quick' if options.quick else ''}; two processes side "
-        f"by side with one "
-        "thread each, so times are CPU seconds of the whole process, not wall time",
-        "",
-    ]
-    for table in tables:
-        lines += table.lines()
-    return lines
-
-
-def rewrite_short_form(readme: Path, tables: list[Table]) -> None:
-    """Replace what is between the markers in the README."""
-    text = readme.read_text(encoding="utf-8")
-    rows = [pair for table in tables for pair in table.short]
-    lines = ["| what | result |", "|---|---|", *(f"| {what} | {result} |" for what, result in rows)]
-    if _BEGIN not in text or _END not in text:
-        text += f"\n## Measured\n\n{_BEGIN}\n{_END}\n"
-    head, _, rest = text.partition(_BEGIN)
-    _, _, tail = rest.partition(_END)
-    readme.write_text("\n".join([head + _BEGIN, *lines, _END + tail]), encoding="utf-8")
 
 
 if __name__ == "__main__":

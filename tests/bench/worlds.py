@@ -43,17 +43,21 @@ class Bench:
 
     def recorded(self, world: str, name: str, seed: int | None = None, lane: LANE | None = None) -> Path:
         """Simulate a world of configs/worlds; the building stays that of the scenario whatever the seed."""
+        content = yaml.safe_load((WORLDS / f"{world}.yaml").read_text(encoding="utf-8"))
+        if "generate" in content:
+            content["generate"].setdefault("seed", content["seed"])
+        content["robot"].update(lane or {})
+        content["seed"] = content["seed"] if seed is None else seed
+        return self.simulated(name, content)
+
+    def simulated(self, name: str, content: Mapping[str, Any]) -> Path:
+        """Simulate a scenario, given as what stands in its file."""
         path = self.folder / "logs" / f"{name}.mcap"
 
         def make() -> Path:
-            content = yaml.safe_load((WORLDS / f"{world}.yaml").read_text(encoding="utf-8"))
-            if "generate" in content:
-                content["generate"].setdefault("seed", content["seed"])
-            content["robot"].update(lane or {})
-            content["seed"] = content["seed"] if seed is None else seed
             path.parent.mkdir(parents=True, exist_ok=True)
             scenario = path.with_suffix(".yaml")
-            scenario.write_text(yaml.safe_dump(content), encoding="utf-8")
+            scenario.write_text(yaml.safe_dump(dict(content)), encoding="utf-8")
             dynmap("simulate", scenario, "-o", path, "--force", log=path.with_suffix(".txt"))
             return path
 

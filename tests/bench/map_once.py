@@ -1,0 +1,96 @@
+"""The mapping room once, on ingested scans: with other parameters or perturbed scans, and what each part cost.
+
+A process of its own, so that CPU seconds and peak memory are those of one run:
+`python -m tests.bench.map_once SCANS_DIR OUT_DIR` reads OUT_DIR/task.json, writes trajectory.tum and found.json.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.trajectory import write_tum
+from dynmap_cli.mapping import rounds
+from dynmap_cli.mapping.front_end import FrontEndParams
+from dynmap_cli.mapping.loops import LoopParams
+from dynmap_cli.mapping.settings import MapSettings
+from tests.bench.perturbations import PERTURBATIONS
+
+PARTS = {
+    "register": "front end",
+    "close_loops": "loops, graph",
+    "refine_graph": "fitting poses again",
+    "filter_beams": "counting, EM",
+}
+"""Functions that `mapping.rounds` calls, and what they are called in the tables."""
+CALIBRATION, REST = "calibration", "rest"
+
+
+class Clock:
+    """CPU seconds of parts; what a part calls belongs to it, what the rest calls to the part that is called."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._open: list[str] = []
+        self._since = time.process_time()
+
+    def timed(self, part: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The same function; what it uses is added to *part*."""
+
+        def wrapper(*args: Any, **options: Any) -> Any:
+            self._charge()
+            self._open.append(part if self._open in ([], [REST]) else self._open[-1])
+            try:
+                return function(*args, **options)
+            finally:
+                self._charge()
+                self._open.pop()
+
+        return wrapper
+
+    def _charge(self) -> None:
+        now = time.process_time()
+        part = self._open[-1] if self._open else REST
+        self.seconds[part] = self.seconds.get(part, 0.0) + now - self._since
+        self._since = now
+
+
+def main(scans_dir: Path, out_dir: Path) -> None:
+    """Read, perturb, map, write."""
+    task = json.loads((out_dir / "task.json").read_text())
+    clock = Clock()
+    log = PERTURBATIONS[task["perturbation"]](read_scan_log(scans_dir))
+    front, loops = FrontEndParams(**task["front"]), LoopParams(**task["loops"])
+    build = clock.timed(REST, rounds.build_filter_map)
+    with ExitStack() as stack:
+        for name, part in PARTS.items():
+            function = clock.timed(part, getattr(rounds, name))
+            stack.enter_context(patch.object(rounds, name, function))
+        calibrate = clock.timed(CALIBRATION, rounds.Registrar._calibrate)
+        stack.enter_context(patch.object(rounds.Registrar, "_calibrate", calibrate))
+        stack.enter_context(patch.object(rounds, "FrontEndParams", lambda: front))
+        stack.enter_context(patch.object(rounds, "LoopParams", lambda: loops))
+        result = build(log, MapSettings(**task["map"]), threads=1)
+    write_tum(out_dir / "trajectory.tum", result.trajectory)
+    found = {
+        "scans": log.n_scans,
+        "keys": int(result.graph.keys.size) if result.graph else 0,
+        "loops": len(result.graph.loops) if result.graph else 0,
+        "contradictions": result.graph.contradictions if result.graph else 0.0,
+        "lost_scans": result.lost_scans,
+        "dynamic_share": [one.dynamic_share for one in result.rounds],
+        "findings": result.calibration.findings(),
+        "seconds": clock.seconds,
+    }
+    (out_dir / "found.json").write_text(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
