@@ -31,6 +31,7 @@ from dynmap_cli.files.manifest import (
     write_manifest,
 )
 from dynmap_cli.files.pgm import image_of
+from dynmap_cli.ingest.containers import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
@@ -331,9 +332,7 @@ def _check_recordings(recordings: Sequence[Path]) -> None:
         msg = "no recording given. Pass one or more files or folders."
         raise LogError(msg)
     for path in recordings:
-        if not path.exists():
-            msg = f"{path}: no such file or folder"
-            raise LogError(msg)
+        check_path(path)
 
 
 def _digest_of_recording(path: Path) -> str:

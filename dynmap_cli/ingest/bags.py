@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,13 +16,26 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import TRANSFORM_TYPES, USED_TYPES, Message, take_messages
+from dynmap_cli.ingest.stored import words_of
 
+_log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
+_ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NOT_ROS2_PROFILE = "Profile is not ros2"
 
 
-class ForeignProfileError(Exception):
-    """An MCAP file that rosbags refuses because its profile is not "ros2"."""
+class UnreadableBagError(Exception):
+    """A bag that rosbags refuses.
+
+    Attributes
+    ----------
+    why : str
+        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
+    """
+
+    def __init__(self, why: str) -> None:
+        super().__init__(why)
+        self.why = why
 
 
 def read_bag(path: Path, name: str, kind: str) -> RawRecording:
@@ -35,53 +50,74 @@ def read_bag(path: Path, name: str, kind: str) -> RawRecording:
 
     Raises
     ------
-    LogError
-        If the bag is cut off or damaged.
-    ForeignProfileError
-        If it is an MCAP file of another profile.
+    UnreadableBagError
+        If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
     """
-    with _open(path, name, kind) as reader:
+    with _open(path) as reader:
         counts: Counter[tuple[str, str]] = Counter()
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
         topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
         recording = RawRecording(name, kind, topics)
-        take_messages(recording, _messages(reader, name, kind))
+        take_messages(recording, _messages(reader, recording))
     return recording
 
 
 @contextmanager
-def _open(path: Path, name: str, kind: str) -> Iterator[AnyReader]:
-    """Open a bag; whatever the library raises then becomes one line."""
+def _open(path: Path) -> Iterator[AnyReader]:
+    """Open a bag; whatever the library raises then becomes one error."""
     reader = None
     try:
         reader = AnyReader([path], default_typestore=get_typestore(_ROS2_DEFAULT))
         reader.open()
+        for inner in reader.readers:
+            _check_index(inner)
+    except UnreadableBagError:
+        raise
     except Exception as err:
-        if _NOT_ROS2_PROFILE in str(err):
-            raise ForeignProfileError from err
-        raise damaged(name, kind, err) from err
+        why = _ABOUT_FILE.sub("", words_of(err))
+        raise UnreadableBagError("" if _NOT_ROS2_PROFILE in why else why) from err
     try:
         yield reader
     finally:
         reader.close()
 
 
-def _messages(reader: AnyReader, name: str, kind: str) -> Iterator[Message]:
+def _check_index(reader: Any) -> None:
+    """Refuse a ROS 1 bag whose index leaves out messages that its chunks are said to hold."""
+    chunks = getattr(reader, "chunk_infos", [])
+    stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
+    indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
+    if chunks and stated != indexed:
+        msg = f"its index has {indexed} messages, its chunks {stated}"
+        raise UnreadableBagError(msg)
+
+
+def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
     """Messages of the types that are used, in the order of their recording."""
     wanted = [connection for connection in reader.connections if connection.msgtype in USED_TYPES]
     if not wanted:
         return
     stream = reader.messages(connections=wanted)
+    found = 0
     while True:
         try:
             connection, logged_ns, raw = next(stream)
-            content: Any = reader.deserialize(raw, connection.msgtype)
         except StopIteration:
-            return
+            break
         except Exception as err:
-            raise damaged(name, kind, err) from err
+            raise UnreadableBagError(words_of(err)) from err
+        found += 1
+        try:
+            content: Any = reader.deserialize(raw, connection.msgtype)
+        except Exception as err:
+            decoding_failed(recording, connection.topic, err)
+            continue
         yield Message(connection.topic, connection.msgtype, logged_ns, content)
+    stated = sum(connection.msgcount for connection in wanted)
+    if found != stated:
+        msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
+        raise UnreadableBagError(msg)
 
 
 def message_decoders() -> dict[str, Callable[[bytes, str], Any]]:
@@ -92,10 +128,15 @@ def message_decoders() -> dict[str, Callable[[bytes, str], Any]]:
     return {"cdr": get_typestore(_ROS2_DEFAULT).deserialize_cdr, "ros1": ros1.deserialize_ros1}
 
 
+def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:
+    """Count a message that is not what its type says."""
+    recording.dropped[f"message on {topic} that cannot be decoded"] += 1
+    _log.debug("%s: %s: %s", recording.name, topic, words_of(err))
+
+
 def damaged(name: str, kind: str, err: Exception) -> LogError:
     """One line for what a reading library could not digest."""
-    found = " ".join(str(err).split()).rstrip(".")[:160] or type(err).__name__
     return LogError(
-        f"{name}: this {kind} is cut off or damaged ({found}). Copy it again from the robot, or repair it "
+        f"{name}: this {kind} is cut off or damaged ({words_of(err)}). Copy it again from the robot, or repair it "
         "first (`rosbag reindex`, `mcap recover`)."
     )

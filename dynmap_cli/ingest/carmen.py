@@ -11,6 +11,7 @@ ipc_timestamp host logger_timestamp`.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +20,16 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between, wrap_angle
-from dynmap_cli.files.trajectory import parse_stamp
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
+from dynmap_cli.ingest.plausible import are_coordinates, is_sweep, stamp_of_word, to_ranges_m
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
+from dynmap_cli.ingest.text_lines import text_lines
 
 _OLD_LASERS = (b"FLASER", b"RLASER")
 _NEW_LASERS = (b"ROBOTLASER1", b"ROBOTLASER2")
-_BATCH = 256
+_KIND = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,31}")
+_ODOM_WORDS = 10
+_BATCH, _BATCH_BYTES = 256, 1 << 22
 _NO_STAMP_STEP_NS = 10**9
 _SHORTEST_M = 0.01
 _SICK_REACH_M = 80.0
@@ -35,11 +39,10 @@ _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 def read_carmen(path: Path, name: str) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
     reader = _Reader(RawRecording(name, "CARMEN text"))
-    with path.open("rb") as stream:
-        for line in stream:
-            words = line.split(None, 1)
-            if words and not words[0].startswith(b"#"):
-                reader.take(words[0], line)
+    for line in text_lines(path, reader.recording.dropped):
+        words = line.split(None, 1)
+        if words and not words[0].startswith(b"#"):
+            reader.take(words[0], line)
     reader.finish()
     return reader.recording
 
@@ -77,31 +80,39 @@ class _Reader:
         self.recording = recording
         self.counts: Counter[str] = Counter()
         self.waiting: list[_Sweep] = []
+        self.waiting_bytes = 0
         self.laser_poses: dict[str, list[tuple[float, ...]]] = {}
 
     def take(self, word: bytes, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
-        name = word.decode("ascii", "replace")
+        if not _KIND.fullmatch(word):
+            self.recording.dropped["line of no known kind"] += 1
+            return
+        name = word.decode("ascii")
         self.counts[name] += 1
         try:
             if word in _OLD_LASERS:
-                self.waiting.append(_old_laser(name, line))
+                self._wait(_old_laser(name, line))
             elif word in _NEW_LASERS:
-                self.waiting.append(_new_laser(name, line))
+                self._wait(_new_laser(name, line))
             elif word == b"ODOM":
-                words = line.split()
-                self._odometry(name, _stamp(words[-3]), _finite(words[1:4]))
+                self._odometry(name, *_odometry_of(line))
                 self.recording.n_read += 1
         except (ValueError, IndexError):
             self._lost(name)
-        if len(self.waiting) >= _BATCH:
+
+    def _wait(self, sweep: _Sweep) -> None:
+        """Put a sweep by until there are enough to parse."""
+        self.waiting.append(sweep)
+        self.waiting_bytes += len(sweep.text)
+        if len(self.waiting) >= _BATCH or self.waiting_bytes >= _BATCH_BYTES:
             self._parse_waiting()
 
     def _parse_waiting(self) -> None:
         """Parse the ranges of all waiting sweeps; one by one where some are malformed."""
-        waiting, self.waiting = self.waiting, []
+        waiting, self.waiting, self.waiting_bytes = self.waiting, [], 0
         try:
-            values = parse_decimals(b" ".join(sweep.text for sweep in waiting)).astype(np.float32)
+            values = to_ranges_m(parse_decimals(b" ".join(sweep.text for sweep in waiting)))
             ends = np.cumsum([sweep.n_numbers for sweep in waiting]) if waiting else np.zeros(1, np.int64)
             if values.size != ends[-1]:
                 msg = "a line has more or fewer numbers than it says"
@@ -158,7 +169,7 @@ def _old_laser(word: str, line: bytes) -> _Sweep:
     if n_beams < 1 or len(poses) != 6 or text.count(b" ") != n_beams - 1:
         msg = "beam count"
         raise ValueError(msg)
-    return _Sweep(word, _stamp(stamp), flaser_shape(n_beams), text, n_beams, _finite(poses))
+    return _Sweep(word, stamp_of_word(stamp), flaser_shape(n_beams), text, n_beams, _finite(poses))
 
 
 def _new_laser(word: str, line: bytes) -> _Sweep:
@@ -173,21 +184,28 @@ def _new_laser(word: str, line: bytes) -> _Sweep:
         raise ValueError(msg)
     if step_rad == 0.0:
         step_rad = fov_rad / max(n_beams - 1, 1)
+    if not is_sweep(start_rad, step_rad, n_beams):
+        msg = "angles"
+        raise ValueError(msg)
     is_stated = 0.0 < reach_m < _SICK_REACH_M
     shape = ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
-    return _Sweep(word, _stamp(stamp), shape, text, len(words), _finite(poses))
+    return _Sweep(word, stamp_of_word(stamp), shape, text, len(words), _finite(poses))
 
 
-def _stamp(word: bytes) -> int:
-    """Nanoseconds from decimal seconds."""
-    return parse_stamp(word.decode("ascii"))
+def _odometry_of(line: bytes) -> tuple[int, tuple[float, ...]]:
+    """Stamp and pose of an ODOM line; one that is cut off would have its stamp elsewhere."""
+    words = line.split()
+    if len(words) != _ODOM_WORDS:
+        msg = "count of words"
+        raise ValueError(msg)
+    return stamp_of_word(words[-3]), _finite(words[1:4])
 
 
 def _finite(words: list[bytes]) -> tuple[float, ...]:
-    """Finite numbers."""
+    """Finite numbers of a plausible size."""
     values = tuple(map(float, words))
-    if not math.isfinite(sum(values)):
-        msg = "not a finite number"
+    if not are_coordinates(values):
+        msg = "not a plausible number"
         raise ValueError(msg)
     return values
 
@@ -195,7 +213,7 @@ def _finite(words: list[bytes]) -> tuple[float, ...]:
 def _numbers_or_nothing(text: bytes) -> F32:
     """Numbers of one line, none where one of them is no number."""
     try:
-        return parse_numbers(text).astype(np.float32)
+        return to_ranges_m(parse_numbers(text))
     except ValueError:
         return np.zeros(0, dtype=np.float32)
 

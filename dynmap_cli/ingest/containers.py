@@ -1,11 +1,13 @@
-"""From a path to plain recordings: unpacks .gz, .bz2 and .zip, and tells formats apart by content, never by name."""
+"""From a path to plain recordings: unpacks .gz, .bz2, .xz and .zip; tells formats apart by content, not by name."""
 
 from __future__ import annotations
 
 import bz2
 import gzip
+import lzma
 import re
 import shutil
+import stat
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -14,16 +16,21 @@ from typing import IO
 
 from dynmap_cli.errors import LogError
 
-KNOWN = "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), each plain, .gz, .bz2 or in a .zip"
+KNOWN = (
+    "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), "
+    "each plain, .gz, .bz2, .xz or in a .zip"
+)
 _MAGIC = (
     (b"#ROSBAG V2.0", "ros1"),
     (b"\x89MCAP0\r\n", "mcap"),
     (b"SQLite format 3\x00", "db3"),
     (b"\x1f\x8b", "gzip"),
     (b"BZh", "bzip2"),
+    (b"\xfd7zXZ\x00", "xz"),
     (b"PK\x03\x04", "zip"),
     (b"PK\x05\x06", "zip"),
 )
+_COMPRESSED = {"gzip", "bzip2", "xz"}
 _SUFFIXES = {"ros1": ".bag", "db3": ".db3", "mcap": ".mcap"}
 _CARMEN = re.compile(
     rb"^(#.*CARMEN|(FLASER|RLASER|ROBOTLASER\d|RAWLASER\d|ODOM|PARAM|SYNC)[ \t])", re.MULTILINE
@@ -31,13 +38,20 @@ _CARMEN = re.compile(
 _WEAN = re.compile(rb"^[OL]( -?[0-9.]+){4}", re.MULTILINE)
 _HEAD_BYTES = 1 << 16
 _BLOCK_BYTES = 1 << 20
+_LONGEST_SHOWN = 200
+_LEAST_PRINTABLE = 0.9
+_MOST_LAYERS, _MOST_MEMBERS = 5, 10_000
 _UNPACK_ERRORS = (
     EOFError,
     OSError,
+    ValueError,
+    OverflowError,
+    MemoryError,
     zlib.error,
+    lzma.LZMAError,
     zipfile.BadZipFile,
-    RuntimeError,
-    NotImplementedError,
+    RuntimeError,  # encrypted members
+    NotImplementedError,  # unknown compression
 )
 
 
@@ -77,9 +91,7 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
     LogError
         If there is nothing to read, or nothing that is known.
     """
-    if not path.exists():
-        msg = f"{path}: no such file or folder"
-        raise LogError(msg)
+    check_path(path)
     if not path.is_dir():
         return [_source_of_file(path, path.name, scratch, limit_bytes)]
     if (path / "metadata.yaml").is_file():
@@ -91,19 +103,49 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
     return [_source_of_file(inner, inner.name, scratch, limit_bytes) for inner in files]
 
 
-def _source_of_file(path: Path, name: str, scratch: Path, limit_bytes: int) -> Source:
+def check_path(path: Path) -> None:
+    """Refuse what is neither a regular file nor a folder of them: reading a pipe or a device may never end.
+
+    Raises
+    ------
+    LogError
+        If it is missing, cannot be looked at, or is of another kind.
+    """
+    try:
+        mode = path.stat().st_mode
+        inner = sorted(path.iterdir()) if stat.S_ISDIR(mode) else []
+        is_bag = any(found.name == "metadata.yaml" for found in inner)
+        odd = [found for found in inner if is_bag and not (found.is_file() or found.is_dir())]
+    except FileNotFoundError as err:
+        msg = f"{path}: no such file or folder"
+        raise LogError(msg) from err
+    except (OSError, ValueError) as err:
+        shown = str(path) if len(str(path)) <= _LONGEST_SHOWN else f"{str(path)[:_LONGEST_SHOWN]}..."
+        msg = f"{shown}: cannot be read ({getattr(err, 'strerror', None) or err})"
+        raise LogError(msg) from err
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        odd = [path]
+    if odd:
+        msg = f"{odd[0]}: neither a regular file nor a folder. Copy the recording into a file first."
+        raise LogError(msg)
+
+
+def _source_of_file(path: Path, name: str, scratch: Path, limit_bytes: int, layers: int = 0) -> Source:
     """Unpack a file until something plain is left."""
     kind = kind_of(path, name)
+    if layers > _MOST_LAYERS:
+        msg = f"{name}: packed more than {_MOST_LAYERS} times over. Unpack it and pass the recording inside."
+        raise LogError(msg)
     if kind == "zip":
-        return _source_in_zip(path, name, scratch, limit_bytes)
-    if kind in {"gzip", "bzip2"}:
-        target = _new_folder(scratch) / path.stem
+        return _source_in_zip(path, name, scratch, limit_bytes, layers)
+    if kind in _COMPRESSED:
+        target = _new_folder(scratch) / "unpacked"
         try:
             with _decompressed(path, kind) as stream:
                 _copy_limited(stream, target, limit_bytes, name)
         except _UNPACK_ERRORS as err:
             raise _cannot_unpack(name, kind, err) from err
-        return _source_of_file(target, name, scratch, limit_bytes)
+        return _source_of_file(target, name, scratch, limit_bytes, layers + 1)
     return Source(name, kind, _with_suffix(path, kind, scratch))
 
 
@@ -117,8 +159,10 @@ def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
     return link
 
 
-def _decompressed(path: Path, kind: str) -> gzip.GzipFile | bz2.BZ2File:
+def _decompressed(path: Path, kind: str) -> gzip.GzipFile | bz2.BZ2File | lzma.LZMAFile:
     """Open a compressed file."""
+    if kind == "xz":
+        return lzma.LZMAFile(path)
     return gzip.GzipFile(path) if kind == "gzip" else bz2.BZ2File(path)
 
 
@@ -154,7 +198,7 @@ def _kind_of_head(head: bytes, name: str) -> str:
             "Convert it with the rosbag of its time."
         )
         raise LogError(msg)
-    if b"\x00" not in head:
+    if _is_text(head):
         if _CARMEN.search(head):
             return "carmen"
         if _WEAN.search(head):
@@ -163,11 +207,18 @@ def _kind_of_head(head: bytes, name: str) -> str:
     raise LogError(msg)
 
 
+def _is_text(head: bytes) -> bool:
+    """Whether bytes are text, apart from the null bytes that unclean shutdowns leave in files."""
+    rest = head.replace(b"\x00", b"")
+    printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in rest)
+    return bool(rest) and printable >= _LEAST_PRINTABLE * len(rest)
+
+
 def _looks_like_recording(path: Path) -> bool:
     """Whether a file in a folder is of a known format; others lie beside recordings and are passed over."""
     try:
         kind = kind_of(path, path.name)
-        if kind in {"gzip", "bzip2"}:
+        if kind in _COMPRESSED:
             with _decompressed(path, kind) as stream:
                 kind = _kind_of_head(stream.read(_HEAD_BYTES), path.name)
     except (LogError, *_UNPACK_ERRORS):
@@ -175,13 +226,13 @@ def _looks_like_recording(path: Path) -> bool:
     return kind != "zip" or path.suffix == ".zip"
 
 
-def _source_in_zip(path: Path, name: str, scratch: Path, limit_bytes: int) -> Source:
+def _source_in_zip(path: Path, name: str, scratch: Path, limit_bytes: int, layers: int) -> Source:
     """The one recording inside a .zip."""
     folder = _new_folder(scratch)
     try:
         with zipfile.ZipFile(path) as archive:
             members = [m for m in archive.infolist() if not m.is_dir() and "__MACOSX" not in m.filename]
-            _refuse_escapes(members, folder, name)
+            _refuse_unsafe(members, folder, name)
             left = limit_bytes
             for member in members:
                 target = folder / member.filename
@@ -203,11 +254,14 @@ def _source_in_zip(path: Path, name: str, scratch: Path, limit_bytes: int) -> So
         raise LogError(msg)
     if folders:
         return Source(name, "ros2", folders[0])
-    return _source_of_file(loose[0], name, scratch, limit_bytes)
+    return _source_of_file(loose[0], name, scratch, limit_bytes, layers + 1)
 
 
-def _refuse_escapes(members: list[zipfile.ZipInfo], folder: Path, name: str) -> None:
-    """Refuse member names that would be written outside *folder*."""
+def _refuse_unsafe(members: list[zipfile.ZipInfo], folder: Path, name: str) -> None:
+    """Refuse member names that would be written outside *folder*, and more members than a recording has."""
+    if len(members) > _MOST_MEMBERS:
+        msg = f"{name}: holds {len(members)} files (at most {_MOST_MEMBERS}). Unpack it and pass the recording inside."
+        raise LogError(msg)
     root = folder.resolve()
     for member in members:
         if not (root / member.filename).resolve().is_relative_to(root):
@@ -216,7 +270,7 @@ def _refuse_escapes(members: list[zipfile.ZipInfo], folder: Path, name: str) -> 
 
 
 def _copy_limited(
-    stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, target: Path, limit_bytes: int, name: str
+    stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File | lzma.LZMAFile, target: Path, limit_bytes: int, name: str
 ) -> int:
     """Copy a stream to a file and count its bytes; stops at the limit and before the disk is full."""
     copied = 0
@@ -240,8 +294,13 @@ def _new_folder(scratch: Path) -> Path:
     return folder
 
 
+def _reason(err: BaseException) -> str:
+    """What is wrong, on one line."""
+    return " ".join(str(err).split())[:160] or type(err).__name__
+
+
 def _cannot_unpack(name: str, kind: str, err: BaseException) -> LogError:
     """One line for a damaged archive."""
     return LogError(
-        f"{name}: the {kind} file is damaged or cut off ({err or type(err).__name__}). Copy it again from the robot."
+        f"{name}: the {kind} file is damaged or cut off ({_reason(err)}). Copy it again from the robot."
     )

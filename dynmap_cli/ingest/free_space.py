@@ -13,6 +13,7 @@ _STEP_M, _FARTHEST_M = 0.2, 10.0
 _BEFORE_END_M = 0.5
 _LEAST_HITS, _SOLID = 3, 0.5
 _LEAST_BEAMS = 50
+_WIDEST_M = 500.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,8 @@ def find_contradiction(
 ) -> Contradiction | None:
     """Trace beams through grids of 20 cm drawn from 60 scans each, short enough for odometry to hold.
 
-    A cell is solid where at least three beams end, and no fewer than pass.
+    Where the odometry leaves 500 m within these it does not hold, and they are passed over. A cell is solid where at
+    least three beams end, and no fewer than pass.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def find_contradiction(
     for start in np.unique(np.linspace(0, max(ranges_m.shape[0] - _SCANS, 0), _WINDOWS).astype(np.int64)):
         scans = np.arange(start, min(start + _SCANS, ranges_m.shape[0]))
         scans = scans[np.isfinite(origins[scans]).all(axis=1)]
-        if scans.size < _LEAST_HITS:
+        if scans.size < _LEAST_HITS or np.ptp(origins[scans, :2], axis=0).max() > _WIDEST_M:
             continue
         length_m = np.where(is_return[scans, picked], ranges_m[scans, picked], np.inf)
         bearings_rad = sweeps.bearings_rad[sweeps.geometry_index[scans], picked]

@@ -47,13 +47,13 @@ class LaserView:
     @property
     def kind(self) -> tuple[float, ...]:
         """What lasers of one make and setting have in common."""
-        shape, interval_s = self.laser.shapes[0], self.laser.beam_interval_s[0]
+        shape = self.laser.usual_shape
         return (
             shape.n_beams,
             abs(shape.first_bearing_rad),
             abs(shape.increment_rad),
             shape.range_max_m,
-            interval_s > 0,
+            any(interval_s > 0.0 for interval_s in self.laser.beam_interval_s),
         )
 
 
@@ -86,7 +86,7 @@ def _view(laser: RawLaser, tree: FrameTree, base: str) -> LaserView:
         )
     else:
         mounting = find_mounting(tree, base, laser.frame, np.array(laser.stamps_ns, dtype=np.int64))
-    shape = laser.shapes[0]
+    shape = laser.usual_shape
     picked = np.linspace(0, laser.n_scans - 1, min(_SAMPLED_SWEEPS, laser.n_scans)).astype(np.int64)
     values = np.concatenate([laser.ranges_m[number] for number in picked])
     values = values[np.isfinite(values) & (values > 0.0) & (values < np.float32(shape.range_max_m))]

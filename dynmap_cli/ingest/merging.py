@@ -190,15 +190,17 @@ def _repeated(columns: Columns) -> B1:
 def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, ScanShape]]) -> F64:
     """Median time between beams of each geometry; 0 where a sweep would last longer than two sweep periods."""
     result = np.zeros(len(geometries))
+    rows = {geometry: row for row, geometry in enumerate(geometries)}
     for number, laser in enumerate(lasers):
         period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
         values: dict[ScanShape, list[float]] = {}
         for shape, interval_s in zip(laser.shapes, laser.beam_interval_s, strict=True):
-            values.setdefault(shape, []).append(interval_s)
+            if np.isfinite(interval_s):
+                values.setdefault(shape, []).append(interval_s)
         for shape, intervals in values.items():
             interval_s = float(np.median(intervals))
             if interval_s * shape.n_beams <= _ABSURD_SWEEP * period_s:
-                result[geometries.index((number, shape))] = interval_s
+                result[rows[number, shape]] = interval_s
     return result
 
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32
 from dynmap_cli.ingest.free_space import Contradiction, Sweeps, find_contradiction
+from dynmap_cli.ingest.plausible import LONGEST_RANGE_M
 
 Policy = Literal["auto", "free", "ignore"]
 
@@ -66,12 +67,12 @@ def find_reach_m(ranges_m: F32) -> float:
 
     The values within 1 % of the largest are codes if five of them at most make up nine tenths of these beams, and
     they are three times as frequent as values per percent of distance are below (90 to 99 % of the largest). A wall
-    scatters more. Without codes the reach lies just above the largest value.
+    scatters more. Without codes the reach lies just above the largest value. Values that no laser measures are codes.
     """
-    finite = ranges_m[np.isfinite(ranges_m)]
+    finite = ranges_m[np.abs(ranges_m) <= LONGEST_RANGE_M]
     largest = float(finite.max(initial=0.0))
     if largest <= 0.0:
-        return float("inf")
+        return LONGEST_RANGE_M
     top = finite[finite >= _CODE_WINDOW * largest]
     _, counts = np.unique(np.round(top, 3), return_counts=True)
     codes = int(np.sort(counts)[-_MOST_CODES:].sum())

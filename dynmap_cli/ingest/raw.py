@@ -54,7 +54,7 @@ class RawLaser:
         As recorded, metres.
     shapes : list of ScanShape
     beam_interval_s : list of float
-        As recorded.
+        As recorded; NaN where that is no duration.
     recording : list of int
         Which recording a sweep came from.
     robot_from_sensor : (3,) float64 or None
@@ -91,6 +91,11 @@ class RawLaser:
     def n_scans(self) -> int:
         """Number of sweeps."""
         return len(self.stamps_ns)
+
+    @property
+    def usual_shape(self) -> ScanShape:
+        """The shape of most sweeps; single damaged ones must not decide for the others."""
+        return Counter(self.shapes).most_common(1)[0][0]
 
 
 @dataclass(slots=True)

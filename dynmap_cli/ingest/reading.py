@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64
+from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.bags import ForeignProfileError, read_bag
+from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source, find_sources
+from dynmap_cli.ingest.doubts import drop_impossible, note_odometry, note_stamps, stamps_jump
 from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
 from dynmap_cli.ingest.free_space import Sweeps
 from dynmap_cli.ingest.lasers import LaserChoice, choose_lasers, view_lasers
-from dynmap_cli.ingest.mcap_files import read_mcap
 from dynmap_cli.ingest.merging import (
     Columns,
     check_odometry_continues,
@@ -38,13 +38,13 @@ from dynmap_cli.ingest.odometry import (
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording
 from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport
+from dynmap_cli.ingest.salvage import read_salvaged
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.wean import read_wean
 
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
-_ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False)
 
 
@@ -89,7 +89,9 @@ def merge_recordings(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
     poses = _cut_ends(columns, odometry, joined)
-    stamps_jump = _stamps_jump(columns, out_of_order, joined)
+    note_stamps(columns, joined)
+    note_odometry(columns, poses, joined)
+    follows_arrival = stamps_jump(columns, out_of_order, joined)
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
     bearings_rad = _bearing_table(columns, mountings)
     verdicts = [
@@ -100,7 +102,7 @@ def merge_recordings(
     ]
     poses = _drop_empty(columns, poses, joined)
     log = _scan_log(columns, poses, bearings_rad, mountings, verdicts, names)
-    if stamps_jump:
+    if follows_arrival:
         arrival = np.argsort(np.argsort(columns.reading_index, kind="stable"), kind="stable")
         log = replace(log, arrival_index=arrival.astype(np.int32))
     report = _report(
@@ -113,7 +115,11 @@ def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[Raw
     """Read all recordings as they are."""
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
-        return [_load(source) for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
+        sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
+        recordings = [_load(source) for source in sources]
+    for recording in recordings:
+        drop_impossible(recording)
+    return recordings
 
 
 def require_lasers(recordings: Sequence[RawRecording]) -> None:
@@ -122,6 +128,7 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
         if not recording.lasers:
             found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
             lost = "".join(f"; {count} x {reason}" for reason, count in recording.dropped.items())
+            lost += "".join(f"; {warning}" for warning in recording.warnings)
             msg = (
                 f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{lost}. "
                 "Record sensor_msgs/LaserScan, or pass another recording."
@@ -136,10 +143,11 @@ def _load(source: Source) -> RawRecording:
         return read_carmen(source.path, source.name)
     if source.kind == "wean":
         return read_wean(source.path, source.name)
+    kind = _BAG_NAMES[source.kind]
     try:
-        return read_bag(source.path, source.name, _BAG_NAMES[source.kind])
-    except ForeignProfileError:
-        return read_mcap(source.path, source.name)
+        return read_bag(source.path, source.name, kind)
+    except UnreadableBagError as err:
+        return read_salvaged(source.path, source.name, kind, err)
 
 
 def _chosen_lasers(
@@ -187,27 +195,6 @@ def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64
     return poses
 
 
-def _stamps_jump(columns: Columns, out_of_order: int, joined: RawRecording) -> bool:
-    """Whether consecutive sweeps are clearly more alike in the order of recording than along their stamps; says so."""
-    if not out_of_order or len(columns.geometries) > 1:
-        return False
-    recorded = np.argsort(columns.reading_index, kind="stable")
-    clipped = np.minimum(np.nan_to_num(columns.ranges_m, nan=_ALIKE_RANGE_M), _ALIKE_RANGE_M)
-    along_stamps, as_recorded = _mean_change_m(clipped), _mean_change_m(clipped[recorded])
-    jump = along_stamps > _ZIGZAG * as_recorded
-    if jump:
-        joined.warnings.append(
-            f"from scan to scan the ranges change by {along_stamps:.3f} m along the stamps but by {as_recorded:.3f} m "
-            "in the order of recording: some stamps are wrong by more than a scan; the order of recording is followed"
-        )
-    return jump
-
-
-def _mean_change_m(ranges_m: F32) -> float:
-    """Mean over the scans of the median change of a beam since the scan before."""
-    return float(np.median(np.abs(np.diff(ranges_m, axis=0)), axis=1).mean())
-
-
 def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:
     """Directions of the beams of each geometry (n_geometries, n_beams); they run backwards where upside down."""
     table = np.full((len(columns.geometries), columns.ranges_m.shape[1]), np.nan)
@@ -227,7 +214,7 @@ def _rewrite_ranges(
 ) -> NoReturn:
     """Find what beams without return say for one laser, and rewrite its ranges."""
     rows = columns.laser == number
-    shape = choice.view.laser.shapes[0]
+    shape = choice.view.laser.usual_shape
     sweeps = Sweeps(
         columns.ranges_m[rows],
         bearings_rad,
@@ -327,7 +314,7 @@ def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None
     """Say what is known of one laser."""
     laser = choice.view.laser
     counts = [shape.n_beams for shape in laser.shapes]
-    stated = laser.shapes[0].range_max_m
+    stated = laser.usual_shape.range_max_m
     period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
     mounting, verdict = decided or (choice.view.mounting, None)
     pose = None

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32
+from dynmap_cli.ingest.plausible import FARTHEST_M, LONGEST_RANGE_M, are_coordinates, is_stamp, is_sweep
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
 
 LASER_TYPES = frozenset({"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"})
@@ -18,7 +19,8 @@ TRANSFORM_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 USED_TYPES = LASER_TYPES | ODOMETRY_TYPES | TRANSFORM_TYPES
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
-_LEAST_QUATERNION = 0.5
+_LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
+_LONGEST_SWEEP_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,9 @@ def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
     """Sort messages into lasers, odometry and transforms."""
     for message in messages:
         recording.n_read += 1
-        if message.msgtype in LASER_TYPES:
+        if not is_stamp(message.logged_ns):
+            recording.dropped[f"message on {message.topic} recorded at no possible time"] += 1
+        elif message.msgtype in LASER_TYPES:
             _take_scan(recording, message)
         elif message.msgtype in ODOMETRY_TYPES:
             _take_odometry(recording, message)
@@ -69,19 +73,23 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     scan = message.content
     ranges_m = _ranges_of(scan)
     stamp_ns = _stamp_ns(scan.header)
+    shape = shape_of(scan, ranges_m.size) if ranges_m.size else None
+    fault = ""
     if ranges_m.size == 0:
-        recording.dropped[f"scan on {message.topic} without beams"] += 1
-        return
-    shape = shape_of(scan, ranges_m.size)
-    if shape is None:
-        recording.dropped[f"scan on {message.topic} with angles that are not numbers"] += 1
+        fault = "without beams"
+    elif shape is None:
+        fault = "with angles that no laser has"
+    elif not is_stamp(stamp_ns):
+        fault = "stamped with no possible time"
+    if fault or shape is None:
+        recording.dropped[f"scan on {message.topic} {fault}"] += 1
         return
     laser = recording.lasers.setdefault(
         message.topic, RawLaser(message.topic, plain_frame(scan.header.frame_id))
     )
     interval_s = float(scan.time_increment)
-    if not 0.0 <= interval_s < math.inf:
-        interval_s = 0.0
+    if not 0.0 <= interval_s * ranges_m.size <= _LONGEST_SWEEP_S:
+        interval_s = math.nan
     laser.add(stamp_ns, message.logged_ns, ranges_m, shape, interval_s)
 
 
@@ -94,24 +102,27 @@ def _ranges_of(scan: Any) -> F32:
 
 
 def shape_of(scan: Any, n_beams: int) -> ScanShape | None:
-    """Geometry of a LaserScan.
+    """Geometry of a LaserScan; None where its angles are not those of a laser.
 
     The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
-    is zero or of the wrong sign the beams are spread between the two. Angles are rounded to 0.006 deg, so that
+    is (nearly) zero or of the wrong sign the beams are spread between the two. Angles are rounded to 0.006 deg, so that
     sensors which compute them anew for each sweep do not get a geometry for each.
     """
     first, last, step = float(scan.angle_min), float(scan.angle_max), float(scan.angle_increment)
-    if not (math.isfinite(first) and math.isfinite(last) and math.isfinite(step)):
-        return None
-    if step == 0.0 or (last - first) * step < 0.0:
+    if abs(step) < _STEP_GRID_RAD or (last - first) * step < 0.0:
         step = (last - first) / max(n_beams - 1, 1)
+    if not is_sweep(first, step, n_beams):
+        return None
+    increment_rad = round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12)
+    if increment_rad == 0.0 and n_beams > 1:
+        return None
     low, high = float(scan.range_min), float(scan.range_max)
     return ScanShape(
         round(round(first / _ANGLE_GRID_RAD) * _ANGLE_GRID_RAD, 9),
-        round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12),
+        increment_rad,
         n_beams,
         round(low, 6) if 0.0 <= low < math.inf else 0.0,
-        round(high, 6) if 0.0 < high < math.inf else math.inf,
+        round(high, 6) if 0.0 < high < LONGEST_RANGE_M else math.inf,
     )
 
 
@@ -121,8 +132,9 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
     pose = odometry.pose.pose
     yaw_rad = yaw_of(pose.orientation)
     values = (float(pose.position.x), float(pose.position.y), yaw_rad)
-    if not all(math.isfinite(value) for value in values):
-        recording.dropped[f"odometry on {message.topic} that is not a pose"] += 1
+    stamp_ns = _stamp_ns(odometry.header)
+    if not (are_coordinates(values) and is_stamp(stamp_ns)):
+        recording.dropped[f"odometry on {message.topic} that is no pose or has no possible time"] += 1
         return
     track = recording.odometry.setdefault(
         message.topic,
@@ -130,13 +142,13 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
             message.topic, plain_frame(odometry.header.frame_id), plain_frame(odometry.child_frame_id)
         ),
     )
-    track.stamps_ns.append(_stamp_ns(odometry.header))
+    track.stamps_ns.append(stamp_ns)
     track.poses.append(values)
 
 
 def yaw_of(q: Any) -> float:
     """Heading of a quaternion message, radians; NaN where it is no rotation."""
-    if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < _LEAST_QUATERNION:
+    if not _LEAST_QUATERNION <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= _MOST_QUATERNION:
         return math.nan
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
@@ -159,10 +171,14 @@ def _clean_transforms(recording: RawRecording) -> None:
     found, recording.transforms = recording.transforms, {}
     for (parent, child), raw in found.items():
         values = np.array(raw.values)
-        length = (values[:, 3:] ** 2).sum(axis=1)
-        is_pose = np.isfinite(values).all(axis=1) & (length >= _LEAST_QUATERNION)
+        length = (np.clip(values[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
+        is_pose = (np.abs(values[:, :3]) <= FARTHEST_M).all(axis=1)
+        is_pose &= (length >= _LEAST_QUATERNION) & (length <= _MOST_QUATERNION)
+        is_pose &= [is_stamp(stamp_ns) for stamp_ns in raw.stamps_ns]
         if not is_pose.all():
-            recording.dropped["transform that is not a pose"] += int(np.count_nonzero(~is_pose))
+            recording.dropped["transform that is no pose or has no possible time"] += int(
+                np.count_nonzero(~is_pose)
+            )
         if not is_pose.any():
             continue
         pair = plain_frame(parent), plain_frame(child)

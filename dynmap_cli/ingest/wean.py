@@ -13,15 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.files.trajectory import parse_stamp
 from dynmap_cli.ingest.carmen import mounting, replace_lost_stamps
 from dynmap_cli.ingest.decimals import parse_numbers
+from dynmap_cli.ingest.plausible import FARTHEST_M, stamp_of_word, to_ranges_m
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
+from dynmap_cli.ingest.text_lines import text_lines
 
 _CM = 0.01
 _N_BEAMS = 180
 _SHAPE = ScanShape(-math.pi / 2.0, math.radians(1.0), _N_BEAMS, 0.01, math.inf)
 _WIDTHS = {b"O": 3, b"L": 6 + _N_BEAMS}
+_N_POSES = {b"O": 3, b"L": 6}
 
 
 def read_wean(path: Path, name: str) -> RawRecording:
@@ -29,16 +31,17 @@ def read_wean(path: Path, name: str) -> RawRecording:
     recording = RawRecording(name, "Wean Hall text")
     counts: Counter[str] = Counter()
     laser_poses: list[F64] = []
-    with path.open("rb") as stream:
-        for line in stream:
-            word = line[:1]
-            if word not in _WIDTHS:
-                continue
-            counts[word.decode()] += 1
-            try:
-                _take(recording, word, line, laser_poses)
-            except ValueError:
-                recording.dropped[f"{word.decode()} line that does not parse"] += 1
+    for line in text_lines(path, recording.dropped):
+        word = line[:1]
+        if word not in _WIDTHS:
+            if line.strip():
+                recording.dropped["line of no known kind"] += 1
+            continue
+        counts[word.decode()] += 1
+        try:
+            _take(recording, word, line, laser_poses)
+        except ValueError:
+            recording.dropped[f"{word.decode()} line that does not parse"] += 1
     recording.topics = [Topic(word, "line", count) for word, count in sorted(counts.items())]
     if laser_poses:
         poses = np.array(laser_poses)
@@ -54,7 +57,10 @@ def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F
     if values.size != _WIDTHS[word]:
         msg = "wrong count of numbers"
         raise ValueError(msg)
-    stamp_ns = parse_stamp(stamp.decode("ascii"))
+    stamp_ns = stamp_of_word(stamp)
+    if not (np.abs(values[: _N_POSES[word]]) <= FARTHEST_M).all():
+        msg = "a pose out of range"
+        raise ValueError(msg)
     values[[0, 1]] *= _CM
     track = recording.odometry.setdefault(word.decode(), RawOdometry(word.decode()))
     track.stamps_ns.append(stamp_ns)
@@ -64,4 +70,4 @@ def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F
         values[[3, 4]] *= _CM
         laser_poses.append(values[:6])
         laser = recording.lasers.setdefault("L", RawLaser("L"))
-        laser.add(stamp_ns, stamp_ns, (values[6:] * _CM).astype(np.float32), _SHAPE)
+        laser.add(stamp_ns, stamp_ns, to_ranges_m(values[6:] * _CM), _SHAPE)

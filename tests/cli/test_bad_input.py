@@ -70,13 +70,23 @@ def test_a_recording_without_a_laser(refused, small, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_a_truncated_recording(refused, small, tmp_path, kind):
+def test_a_truncated_recording_is_used_as_far_as_it_goes(small, tmp_path, kind):
     whole = tmp_path / f"whole.{kind}"
     scenario = small.recording.parent / "room.yaml"
     assert run_dynmap("simulate", scenario, "-o", whole, "-q").exit_code == 0
     short = tmp_path / f"short.{kind}"
     short.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 5])
-    assert f"short.{kind}" in refused(RECORDING, "build", short, "-o", small.run_dir, "-q")
+    result = run_dynmap("ingest", short, "-o", tmp_path / "new")
+    assert result.exit_code == 0, result.output
+    lines = [line for line in result.stdout.splitlines() if "cut off or damaged" in line]
+    assert len(lines) == 1
+    assert "recovered" in lines[0]
+
+
+def test_a_recording_of_which_nothing_is_left(refused, small, tmp_path):
+    short = tmp_path / "short.mcap"
+    short.write_bytes(small.recording.read_bytes()[:200])
+    assert "short.mcap" in refused(RECORDING, "build", short, "-o", small.run_dir, "-q")
 
 
 def test_an_unknown_setting_names_the_nearest(refused, small, tmp_path):

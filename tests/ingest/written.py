@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import lzma
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -202,13 +203,15 @@ def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr") ->
 
 
 def packed(path: Path, how: str) -> Path:
-    """The file as .gz, .bz2 or alone in a .zip, under a name that says nothing."""
+    """The file as .gz, .bz2, .xz or alone in a .zip, under a name that says nothing."""
     target = path.with_name(f"{path.stem}-{how}.dat")
     if how == "zip":
         with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.write(path, f"inner/{path.name}")
     else:
-        target.write_bytes({"gz": gzip.compress, "bz2": bz2.compress}[how](path.read_bytes()))
+        target.write_bytes(
+            {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress}[how](path.read_bytes())
+        )
     return target
 
 

@@ -1,0 +1,101 @@
+"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said with numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64
+from dynmap_cli.ingest.merging import Columns
+from dynmap_cli.ingest.raw import RawRecording
+
+_LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
+_MOST_BEAMS = 8
+_ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
+_JUMP_M, _JUMP_M_PER_S = 1.0, 20.0
+
+
+def drop_impossible(recording: RawRecording) -> None:
+    """Drop sweeps that lie more than a week from the middle one, or have over eight times its beams.
+
+    Such a stamp or count comes from a clock that was set, or from a damaged message; one of them would stretch
+    everything that is laid out over time or beams.
+    """
+    if not recording.lasers:
+        return
+    lasers = list(recording.lasers.values())
+    middle_ns = int(
+        np.median(np.concatenate([np.array(laser.stamps_ns, dtype=np.int64) for laser in lasers]))
+    )
+    for laser in lasers:
+        is_near = np.abs(np.array(laser.stamps_ns, dtype=np.int64) - middle_ns) <= _LONGEST_DRIVE_NS
+        if not is_near.all():
+            recording.dropped[
+                f"scan on {laser.name} stamped more than a week from the others, as after a clock was set"
+            ] += int(np.count_nonzero(~is_near))
+            laser.keep(is_near.tolist())
+        if laser.n_scans == 0:
+            del recording.lasers[laser.name]
+            continue
+        n_beams = np.array([shape.n_beams for shape in laser.shapes])
+        usual = int(np.median(n_beams))
+        is_usual = n_beams <= _MOST_BEAMS * usual
+        if not is_usual.all():
+            recording.dropped[
+                f"scan on {laser.name} with over {_MOST_BEAMS} times the usual {usual} beams"
+            ] += int(np.count_nonzero(~is_usual))
+            laser.keep(is_usual.tolist())
+        _note_beam_intervals(recording, laser.name)
+
+
+def _note_beam_intervals(recording: RawRecording, name: str) -> None:
+    """Say where the time between beams is no duration."""
+    intervals_s = recording.lasers[name].beam_interval_s
+    broken = int(np.count_nonzero(np.isnan(intervals_s)))
+    if broken:
+        recording.warnings.append(
+            f"{name}: {broken} of {len(intervals_s)} scans have a time_increment that is negative, not a number or "
+            "over a minute per sweep; it is taken from the others, or as 0"
+        )
+
+
+def note_stamps(columns: Columns, recording: RawRecording) -> None:
+    """Say how many sweeps share their stamp with another one of the same laser, for they are not copies of it."""
+    is_same = np.diff(columns.stamps_ns) == 0
+    is_same &= np.diff(columns.laser) == 0
+    shared = int(np.count_nonzero(is_same))
+    if shared:
+        recording.warnings.append(f"{shared} scans have the stamp of the scan before but other ranges")
+
+
+def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None:
+    """Say where the odometry jumps farther than anything drives."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    steps_m = np.hypot(*np.diff(poses[known, :2], axis=0).T)
+    gaps_s = np.diff(columns.stamps_ns[known]) * 1e-9
+    jumps_m = steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s]
+    if jumps_m.size:
+        recording.warnings.append(
+            f"the odometry jumps {jumps_m.size} times between one scan and the next, by up to {jumps_m.max():.1f} m: "
+            "it was reset or is damaged; pass --odom to choose another, or none"
+        )
+
+
+def stamps_jump(columns: Columns, out_of_order: int, recording: RawRecording) -> bool:
+    """Whether consecutive sweeps are clearly more alike in the order of recording than along their stamps; says so."""
+    if not out_of_order or len(columns.geometries) > 1:
+        return False
+    recorded = np.argsort(columns.reading_index, kind="stable")
+    clipped = np.minimum(np.nan_to_num(columns.ranges_m, nan=_ALIKE_RANGE_M), _ALIKE_RANGE_M)
+    along_stamps, as_recorded = _mean_change_m(clipped), _mean_change_m(clipped[recorded])
+    jump = along_stamps > _ZIGZAG * as_recorded
+    if jump:
+        recording.warnings.append(
+            f"from scan to scan the ranges change by {along_stamps:.3f} m along the stamps but by {as_recorded:.3f} m "
+            "in the order of recording: some stamps are wrong by more than a scan; the order of recording is followed"
+        )
+    return jump
+
+
+def _mean_change_m(ranges_m: F32) -> float:
+    """Mean over the scans of the median change of a beam since the scan before."""
+    return float(np.median(np.abs(np.diff(ranges_m, axis=0)), axis=1).mean())

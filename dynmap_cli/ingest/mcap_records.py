@@ -1,0 +1,151 @@
+"""Messages of an MCAP file in the order in which they were written, without its index.
+
+For files whose profile rosbags refuses, that were not closed, or that are damaged. A file is a chain of records: kind,
+length, content. Chunks hold records of schemas, channels and messages, with a checksum; schemas and channels stand
+once more in the summary at the end.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from dynmap_cli.ingest.stored import DAMAGE, Losses, StoredMessage
+from dynmap_cli.ingest.unpacking import unpack
+
+ENCODINGS = ("cdr", "ros1")
+_MAGIC = b"\x89MCAP0\r\n"
+_MAGIC_BYTES = len(_MAGIC)
+_FRAME = struct.Struct("<BQ")
+_CHUNK = struct.Struct("<QQQII")
+_MESSAGE = struct.Struct("<HIQQ")
+_U64 = struct.Struct("<Q")
+_BROKEN = "a record is broken"
+
+
+class _Record(NamedTuple):
+    """A record: where its content lies, and whether it is all there."""
+
+    op: int
+    start: int
+    end: int
+    is_whole: bool
+
+
+@dataclass(slots=True)
+class _Names:
+    """Schemas and channels by number."""
+
+    schemas: dict[int, str] = field(default_factory=dict)
+    channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+
+    def learn(self, record: _Record, view: memoryview) -> None:
+        """Note a schema or channel; one that is broken stays unknown."""
+        if record.op not in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            return
+        stream = ReadDataStream(BytesIO(view[record.start : record.end]))
+        try:
+            if record.op == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                self.schemas.setdefault(schema.id, schema.name)
+            else:
+                channel = Channel.read(stream)
+                kind = _type_of(self.schemas.get(channel.schema_id, ""), channel.message_encoding)
+                self.channels.setdefault(channel.id, (channel.topic, kind, channel.message_encoding))
+        except (*DAMAGE, McapError):
+            return
+
+
+def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
+    """Yield what can be read: without chunks that fail their checksum, up to the first record that is broken."""
+    with path.open("rb") as stream:
+        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    losses.n_bytes += len(view)
+    names = _Names()
+    for record in _records(view, _MAGIC_BYTES, Losses()):
+        names.learn(record, view)
+    is_closed = False
+    for record in _records(view, _MAGIC_BYTES, losses):
+        is_closed |= record.op in {Opcode.DATA_END, Opcode.FOOTER}
+        if record.op == Opcode.CHUNK:
+            yield from _chunk(record, view, names, losses)
+        elif record.op == Opcode.MESSAGE and record.is_whole:
+            yield from _message(record, view, names, losses)
+    if not is_closed:
+        losses.note("it was not closed properly")
+
+
+def _chunk(record: _Record, view: memoryview, names: _Names, losses: Losses) -> Iterator[StoredMessage]:
+    """Messages of one chunk; of one at which the file ends those before the end."""
+    content = view[record.start : record.end]
+    try:
+        *_, checksum, name_bytes = _CHUNK.unpack_from(content)
+        start = _CHUNK.size + name_bytes
+        compression = bytes(content[_CHUNK.size : start]).decode()
+        (size,) = _U64.unpack_from(content, start)
+        inner, is_whole = unpack(content[start + 8 : start + 8 + size], compression)
+    except DAMAGE:
+        losses.note("a block of messages is broken", n_bytes=len(content), chunks=1)
+        return
+    if record.is_whole and not (is_whole and checksum in {0, zlib.crc32(inner)}):
+        losses.note("a block of messages fails its checksum", n_bytes=len(content), chunks=1)
+        return
+    found = Losses()
+    for inner_record in _records(inner, 0, found):
+        names.learn(inner_record, inner)
+        if inner_record.op == Opcode.MESSAGE and inner_record.is_whole:
+            yield from _message(inner_record, inner, names, losses)
+    if found.why:
+        losses.note(found.why[0], chunks=1)
+
+
+def _message(record: _Record, view: memoryview, names: _Names, losses: Losses) -> Iterator[StoredMessage]:
+    """A message, if its channel is known."""
+    start = record.start + _MESSAGE.size
+    if start > record.end:
+        losses.note(_BROKEN, messages=1)
+        return
+    number, _, logged_ns, _ = _MESSAGE.unpack_from(view, record.start)
+    if number not in names.channels:
+        losses.note("messages without a channel", messages=1)
+        return
+    yield StoredMessage(*names.channels[number], logged_ns, bytes(view[start : record.end]))
+
+
+def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Record]:
+    """The records of a file or chunk up to its end; one that is cut off comes as far as it goes."""
+    while position < len(view):
+        if bytes(view[position : position + _MAGIC_BYTES]) == _MAGIC:
+            return
+        if position + _FRAME.size > len(view):
+            losses.note("it ends in the middle of a record")
+            return
+        op, size = _FRAME.unpack_from(view, position)
+        start = position + _FRAME.size
+        if op == 0:
+            losses.note(_BROKEN, n_bytes=len(view) - position)
+            return
+        is_whole = start + size <= len(view)
+        if not is_whole:
+            losses.note_missing(start + size - len(view))
+        yield _Record(op, start, min(start + size, len(view)), is_whole)
+        position = start + size
+
+
+def _type_of(schema: str, encoding: str) -> str:
+    """ROS 2 spelling of a message type where the encoding is one that is read, else its own name and encoding."""
+    if encoding not in ENCODINGS:
+        return f"{schema} ({encoding or 'no encoding'})"
+    package, _, last = schema.rpartition("/")
+    return f"{package.removesuffix('/msg')}/msg/{last}"

@@ -1,0 +1,57 @@
+"""Bounds beyond which a number in a recording is damage rather than a measurement; one place for all formats."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64
+from dynmap_cli.files.trajectory import parse_stamp
+
+LATEST_NS = 2**62
+"""The year 2116; sums and differences of two such stamps still fit into 64 bits."""
+FARTHEST_M = 1e8
+"""No coordinate of a robot is larger, not even in a global grid."""
+LONGEST_RANGE_M = 1e4
+"""No laser that sweeps a plane sees farther: larger readings are codes."""
+MOST_TURN_RAD = 4.0 * math.pi
+"""No sweep starts, or turns, farther than two full circles."""
+
+_LONGEST_STAMP = 40
+_LARGEST_F32 = float(np.finfo(np.float32).max)
+
+
+def is_stamp(stamp_ns: int) -> bool:
+    """Whether nanoseconds since the epoch are a time."""
+    return 0 <= stamp_ns < LATEST_NS
+
+
+def stamp_of_word(word: bytes) -> int:
+    """Nanoseconds from decimal seconds; ValueError if they are no time."""
+    if len(word) > _LONGEST_STAMP:
+        msg = "a stamp that long"
+        raise ValueError(msg)
+    stamp_ns = parse_stamp(word.decode("ascii"))
+    if not is_stamp(stamp_ns):
+        msg = "a stamp out of range"
+        raise ValueError(msg)
+    return stamp_ns
+
+
+def are_coordinates(values: tuple[float, ...]) -> bool:
+    """Whether all are finite metres or radians of a plausible size."""
+    return all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in values)
+
+
+def is_sweep(first_bearing_rad: float, increment_rad: float, n_beams: int) -> bool:
+    """Whether beams lie as those of a laser can: finite, within two circles, and not all in one direction."""
+    turn_rad = abs(increment_rad) * (n_beams - 1)
+    is_finite = math.isfinite(first_bearing_rad) and math.isfinite(turn_rad)
+    is_spread = turn_rad > 0.0 or n_beams == 1
+    return is_finite and is_spread and max(abs(first_bearing_rad), turn_rad) <= MOST_TURN_RAD
+
+
+def to_ranges_m(values: F64) -> F32:
+    """As float32 (n,); what does not fit becomes the largest number that does, which no laser measures."""
+    return np.clip(values, -_LARGEST_F32, _LARGEST_F32).astype(np.float32)

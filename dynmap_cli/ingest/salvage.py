@@ -1,0 +1,103 @@
+"""Recordings that rosbags refuses, read record by record: what is whole is used, what is lost is said."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import chain
+from pathlib import Path
+
+from dynmap_cli.ingest.bag1_records import bag1_messages
+from dynmap_cli.ingest.bags import UnreadableBagError, damaged, decoding_failed, message_decoders
+from dynmap_cli.ingest.db3_rows import db3_messages
+from dynmap_cli.ingest.mcap_records import mcap_messages
+from dynmap_cli.ingest.plausible import is_stamp
+from dynmap_cli.ingest.raw import RawRecording, Topic
+from dynmap_cli.ingest.ros_messages import USED_TYPES, Message, take_messages
+from dynmap_cli.ingest.stored import Losses, StoredMessage
+
+_READERS: dict[str, Callable[[Path, Losses], Iterator[StoredMessage]]] = {
+    ".bag": bag1_messages,
+    ".db3": db3_messages,
+    ".mcap": mcap_messages,
+}
+
+
+def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError) -> RawRecording:
+    """Read what is whole in a recording.
+
+    Parameters
+    ----------
+    path : Path
+        A .bag, .db3 or .mcap file, or a folder of the latter two.
+    name, kind : str
+        For messages: what the operator called it, and what it is.
+    refusal : UnreadableBagError
+        Why it could not be read with its index.
+
+    Raises
+    ------
+    LogError
+        If no message can be read.
+    """
+    files = [path]
+    if path.is_dir():
+        files = sorted(
+            (inner for inner in path.iterdir() if inner.suffix in _READERS and inner.is_file()),
+            key=lambda inner: (len(inner.name), inner.name),
+        )
+    losses = Losses([refusal.why] if refusal.why else [])
+    recording = RawRecording(name, kind)
+    counts: Counter[tuple[str, str]] = Counter()
+    span = _Span()
+    stored = chain.from_iterable(_READERS[file.suffix](file, losses) for file in files)
+    try:
+        take_messages(recording, _decoded(stored, recording, counts, span))
+    except OSError as err:
+        losses.note(str(err.strerror or err))
+    if not counts:
+        raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
+    recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
+    if losses.why:
+        recording.warnings.append(losses.line(name, kind, counts.total(), span.seconds))
+    return recording
+
+
+class _Span:
+    """Earliest and latest time of recording."""
+
+    def __init__(self) -> None:
+        self.first_ns: int | None = None
+        self.last_ns = 0
+
+    def add(self, stamp_ns: int) -> None:
+        """Widen it to a time."""
+        if is_stamp(stamp_ns):
+            self.first_ns = stamp_ns if self.first_ns is None else min(self.first_ns, stamp_ns)
+            self.last_ns = max(self.last_ns, stamp_ns)
+
+    @property
+    def seconds(self) -> float:
+        """Length."""
+        return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) * 1e-9
+
+
+def _decoded(
+    stored: Iterator[StoredMessage],
+    recording: RawRecording,
+    counts: Counter[tuple[str, str]],
+    span: _Span,
+) -> Iterator[Message]:
+    """Messages of the types that are used; all are counted."""
+    decode = message_decoders()
+    for message in stored:
+        counts[message.topic, message.msgtype] += 1
+        span.add(message.logged_ns)
+        if message.msgtype not in USED_TYPES or message.encoding not in decode:
+            continue
+        try:
+            content = decode[message.encoding](message.data, message.msgtype)
+        except Exception as err:
+            decoding_failed(recording, message.topic, err)
+            continue
+        yield Message(message.topic, message.msgtype, message.logged_ns, content)

@@ -1,0 +1,85 @@
+"""What the readers of damaged and foreign containers hand on: stored messages, and an account of what was lost."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
+"""What taking broken bytes apart raises."""
+
+_MOST_MISSING = 1 << 44
+
+
+@dataclass(frozen=True, slots=True)
+class StoredMessage:
+    """A message as it lies in a container.
+
+    Attributes
+    ----------
+    topic : str
+    msgtype : str
+        ROS 2 spelling; where the encoding is not one that is read, its own name and encoding.
+    encoding : str
+        "cdr", "ros1" or another.
+    logged_ns : int
+    data : bytes
+    """
+
+    topic: str
+    msgtype: str
+    encoding: str
+    logged_ns: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class Losses:
+    """What could not be read.
+
+    Attributes
+    ----------
+    why : list of str
+        What is wrong with the container, in words, without repetition.
+    n_bytes, lost_bytes : int
+        Size of all files; bytes of them that were passed over.
+    lost_chunks : int
+        Blocks of messages that were passed over.
+    lost_messages : int
+        Messages that are known to be missing one by one.
+    """
+
+    why: list[str] = field(default_factory=list)
+    n_bytes: int = 0
+    lost_bytes: int = 0
+    lost_chunks: int = 0
+    lost_messages: int = 0
+
+    def note(self, why: str, *, n_bytes: int = 0, chunks: int = 0, messages: int = 0) -> None:
+        """Add a loss; what is wrong is said once."""
+        if not any(why in known for known in self.why):
+            self.why.append(why)
+        self.lost_bytes += n_bytes
+        self.lost_chunks += chunks
+        self.lost_messages += messages
+
+    def note_missing(self, n_bytes: int) -> None:
+        """Add bytes that the container speaks of and that are not there."""
+        if 0 < n_bytes < _MOST_MISSING:
+            self.n_bytes += n_bytes
+            self.note("its end is missing", n_bytes=n_bytes)
+
+    def line(self, name: str, kind: str, n_found: int, span_s: float) -> str:
+        """Say it in one sentence, with numbers."""
+        lost = [f"{self.lost_bytes} of {self.n_bytes} bytes"] if self.lost_bytes else []
+        lost += [f"{self.lost_chunks} blocks of messages"] if self.lost_chunks else []
+        lost += [f"{self.lost_messages} single messages"] if self.lost_messages else []
+        return (
+            f"{name}: this {kind} is cut off or damaged ({'; '.join(self.why[:3])}); recovered {n_found} messages over "
+            f"{span_s:.1f} s, lost {', '.join(lost) or 'no message that is known of'}"
+        )
+
+
+def words_of(err: BaseException) -> str:
+    """What a library complains of, on one line."""
+    return " ".join(str(err).split()).rstrip(".")[:160] or type(err).__name__

@@ -1,0 +1,47 @@
+"""Blocks of compressed messages: as much of them as can be had, and never more than is sane."""
+
+from __future__ import annotations
+
+import bz2
+from collections.abc import Callable
+from typing import Any
+
+import lz4.frame
+import zstandard
+
+_PIECE_BYTES = 1 << 16
+_MOST_BYTES = 1 << 28
+_DECODERS: dict[str, Callable[[], Any]] = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+    "zstd": lambda: zstandard.ZstdDecompressor().decompressobj(),
+}
+
+
+def unpack(data: memoryview, compression: str) -> tuple[memoryview, bool]:
+    """The content of a block, and whether it is whole; what was unpacked before a fault is kept.
+
+    Raises
+    ------
+    ValueError
+        If the compression is not known.
+    """
+    if compression in {"", "none"}:
+        return data, True
+    if compression not in _DECODERS:
+        msg = f"unknown compression '{compression[:20]}'"
+        raise ValueError(msg)
+    decoder = _DECODERS[compression]()
+    parts: list[bytes] = []
+    total = 0
+    for start in range(0, len(data), _PIECE_BYTES):
+        if decoder.eof:
+            break
+        try:
+            parts.append(decoder.decompress(bytes(data[start : start + _PIECE_BYTES])))
+        except (OSError, RuntimeError, EOFError, ValueError, MemoryError, zstandard.ZstdError):
+            return memoryview(b"".join(parts)), False
+        total += len(parts[-1])
+        if total > _MOST_BYTES:
+            return memoryview(b"".join(parts)), False
+    return memoryview(b"".join(parts)), bool(decoder.eof)

@@ -1,0 +1,164 @@
+"""Recordings that are cut off or have wrong bytes: what is whole is used, what is lost is said, nothing breaks."""
+
+import random
+import re
+import warnings
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.reading import read_recordings
+from dynmap_cli.ingest.settings import IngestSettings
+from tests.ingest.written import World, carmen_line, lone_file, write_bag1, write_bag2, write_mcap
+
+SETTINGS = IngestSettings()
+WORLD = World(n_scans=60, n_beams=40, step_rad=0.05)
+
+
+def write_carmen(path):
+    lines = [
+        carmen_line(np.nan_to_num(ranges, nan=1.5, posinf=81.83), pose, pose, f"{1000 + 0.1 * number:.6f}")
+        for number, (ranges, pose) in enumerate(zip(WORLD.ranges_m, WORLD.poses, strict=True))
+    ]
+    path.write_text("".join(lines))
+    return path
+
+
+WRITERS = {
+    "ros1": lambda folder: write_bag1(folder / "a.bag", WORLD),
+    "db3": lambda folder: lone_file(write_bag2(folder / "a", WORLD), ".db3"),
+    "mcap ros2": lambda folder: write_mcap(folder / "a.mcap", WORLD, "ros2"),
+    "mcap blank": lambda folder: write_mcap(folder / "a.mcap", WORLD, ""),
+    "mcap ros1": lambda folder: write_mcap(folder / "a.mcap", WORLD, "ros1", "ros1"),
+    "carmen": lambda folder: write_carmen(folder / "a.log"),
+}
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+WITHOUT_COMPRESSION = {"ros1": 1, "db3": 4096}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Each container once, as bytes."""
+    return {
+        container: (path.name, path.read_bytes())
+        for container, write in WRITERS.items()
+        for path in [write(tmp_path_factory.mktemp("whole"))]
+    }
+
+
+def read(path, name, data):
+    """Scans and report; None where the recording is refused in one line. Warnings of libraries are errors."""
+    path = path / name
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            return read_recordings([path], SETTINGS)
+        except LogError as err:
+            assert "\n" not in str(err)
+            assert name in str(err)
+            return None
+
+
+@pytest.mark.parametrize("container", [name for name in WRITERS if name != "carmen"])
+def test_a_recording_that_is_cut_off_is_used_up_to_there(written, container, tmp_path):
+    name, data = written[container]
+    counts = []
+    for share in (0.2, 0.4, 0.6, 0.8, 0.97):
+        found = read(tmp_path, name, data[: int(share * len(data))])
+        if found is None:
+            counts.append(0)
+            continue
+        log, report = found
+        row = int(np.flatnonzero(WORLD.stamps_ns == log.stamps_ns[0])[0])
+        np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m[row : row + log.n_scans])
+        counts.append(log.n_scans)
+        said = [line for line in report.warnings if "cut off or damaged" in line]
+        assert len(said) == 1
+        assert re.search(r"recovered \d+ messages over \d+\.\d s, lost .*", said[0])
+    assert counts == sorted(counts)
+    assert counts[-1] > 50
+
+
+@pytest.mark.parametrize("container", WITHOUT_COMPRESSION)
+def test_no_scan_before_the_cut_is_lost(written, container, tmp_path):
+    name, data = written[container]
+    for share in (0.35, 0.5, 0.75, 0.9):
+        cut = int(share * len(data))
+        block = WITHOUT_COMPRESSION[container]
+        ends = [data.find(ranges.tobytes()) + ranges.nbytes for ranges in WORLD.ranges_m]
+        whole = sum(end <= cut // block * block for end in ends)
+        log, report = read(tmp_path, name, data[:cut])
+        assert log.n_scans + sum(report.dropped.values()) >= whole > 0
+
+
+@pytest.mark.parametrize("container", ["mcap ros2", "mcap blank", "mcap ros1"])
+def test_a_block_that_fails_its_checksum_costs_only_itself(written, container, tmp_path):
+    name, data = written[container]
+    at = data.index(ZSTD_MAGIC, len(data) // 2) + 60
+    log, report = read(tmp_path, name, data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
+    assert 40 < log.n_scans < 60
+    assert "fails its checksum" in report.warnings[0]
+    assert "1 blocks of messages" in report.warnings[0]
+
+
+def test_a_file_without_its_end_says_that_nothing_else_is_known_to_be_lost(written, tmp_path):
+    name, data = written["mcap ros2"]
+    log, report = read(tmp_path, name, data[:-8])
+    assert log.n_scans == 60
+    assert "lost no message that is known of" in report.warnings[0]
+
+
+def test_a_hole_of_zeros_in_a_database_is_jumped_over(written, tmp_path):
+    name, data = written["db3"]
+    at = len(data) // 2 // 4096 * 4096
+    log, report = read(tmp_path, name, data[:at] + bytes(4096) + data[at + 4096 :])
+    assert 20 < log.n_scans < 60
+    assert log.stamps_ns[-1] == WORLD.stamps_ns[-1]
+    assert re.search(r"lost \d+ single messages", report.warnings[0])
+
+
+def test_a_text_log_with_a_hole_of_zeros_loses_the_lines_in_it(written, tmp_path):
+    name, data = written["carmen"]
+    at = len(data) // 2
+    log, report = read(tmp_path, name, data[:at] + bytes(2000) + data[at + 2000 :])
+    lost = report.dropped["line with null bytes, as unclean shutdowns leave them"]
+    assert lost == 1
+    assert log.n_scans in range(48, 60)
+
+
+@pytest.mark.parametrize("container", WRITERS)
+@pytest.mark.parametrize("part", ["anywhere", "head", "tail"])
+def test_wrong_bytes_never_break_anything(written, container, part, tmp_path):
+    name, data = written[container]
+    rng = random.Random(f"{container} {part}")
+    low, high = {
+        "anywhere": (0, len(data)),
+        "head": (0, 5000),
+        "tail": (len(data) - 3000, len(data)),
+    }[part]
+    for _ in range(6):
+        at = rng.randrange(low, high)
+        changed = bytearray(data)
+        changed[at] ^= rng.randrange(1, 256)
+        found = read(tmp_path, name, changed)
+        assert found is None or found[0].n_scans <= 60
+
+
+def test_a_folder_without_usable_metadata_is_read_file_by_file(tmp_path):
+    folder = write_bag2(tmp_path / "drive", WORLD, StoragePlugin.MCAP)
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
+    log, report = read_recordings([folder], SETTINGS)
+    np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
+    assert "metadata key is missing" in report.warnings[0]
+
+
+def test_metadata_that_speak_of_other_counts_are_said(tmp_path):
+    folder = write_bag2(tmp_path / "drive", WORLD)
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 60", "message_count: 61"))
+    log, report = read_recordings([folder], SETTINGS)
+    assert log.n_scans == 60
+    assert re.search(r"says that it holds \d+ messages .* and holds \d+", report.warnings[0])
