@@ -96,6 +96,14 @@ class _PlainLoader(yaml.SafeLoader):
                 seen.add((key.tag, key.value))
         return super().construct_mapping(node, deep=deep)
 
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> str:
+        """Refuse halves of characters, which no file and no terminal can show."""
+        value: str = super().construct_scalar(node)  # type: ignore[no-untyped-call]
+        if any("\ud800" <= character <= "\udfff" for character in value):
+            problem = f"half a character in {ascii(value)[:60]}"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return value
+
     def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
         """Refuse integers beyond 64 bits."""
         value = self.construct_yaml_int(node)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.simulation.scenario import Robot, Step
+from dynmap_cli.simulation.robot import Robot, Step
 
 
 @dataclass(frozen=True, slots=True)

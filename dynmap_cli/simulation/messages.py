@@ -11,8 +11,8 @@ import numpy as np
 from dynmap_cli.arrays import F32
 from dynmap_cli.domain.poses import between
 from dynmap_cli.files.ros_messages import ODOMETRY, SCAN, TRANSFORMS, MessageMaker, ScanFields
+from dynmap_cli.simulation.robot import Laser
 from dynmap_cli.simulation.run import SimulatedRun
-from dynmap_cli.simulation.scenario import Laser
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -11,8 +11,9 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.simulation.driving import Drive
+from dynmap_cli.simulation.quantities import Point
 from dynmap_cli.simulation.randomness import stream
-from dynmap_cli.simulation.scenario import Block, Follow, Moving, Point, Scenario, Stand, Walk, Wander
+from dynmap_cli.simulation.scenario import Block, Follow, Moving, Scenario, Stand, Walk, Wander
 
 _LEG_RADIUS_M, _TRUNK_RADIUS_M = 0.06, 0.18
 _LEG_SIDE_M = 0.1

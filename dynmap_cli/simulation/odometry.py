@@ -8,7 +8,7 @@ from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.simulation.driving import Drive
 from dynmap_cli.simulation.randomness import stream
-from dynmap_cli.simulation.scenario import Odometry
+from dynmap_cli.simulation.robot import Odometry
 
 
 def count_wheels(drive: Drive, settings: Odometry, times_s: F64, seed: int) -> F64:

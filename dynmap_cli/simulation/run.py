@@ -18,7 +18,8 @@ from dynmap_cli.simulation.driving import Drive, plan_drive
 from dynmap_cli.simulation.movers import Track, shapes_at, tracks
 from dynmap_cli.simulation.odometry import count_wheels
 from dynmap_cli.simulation.randomness import stream
-from dynmap_cli.simulation.scenario import Laser, Scenario
+from dynmap_cli.simulation.robot import Laser
+from dynmap_cli.simulation.scenario import Scenario
 from dynmap_cli.simulation.sensing import FIRST_OBJECT, MOVING, NO_RETURN, STATIC, bearings_of, measure
 from dynmap_cli.simulation.shapes import Shapes, shapes_of
 from dynmap_cli.simulation.true_map import draw_true_map

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import math
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     AwareDatetime,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     ValidationError,
     model_validator,
@@ -20,17 +19,22 @@ from pydantic import (
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import parse_yaml, read_text
+from dynmap_cli.simulation.quantities import (
+    Coordinate,
+    Degrees,
+    Length,
+    Mean,
+    Part,
+    Point,
+    Seconds,
+    Share,
+    Speed,
+)
+from dynmap_cli.simulation.robot import Laser, Odometry, Robot
 
-Point = tuple[float, float]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-
-
-class Part(BaseModel):
-    """What all parts of a scenario have in common: frozen, no unknown keys, finite numbers."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+_LEAST_WAY_M = 0.1
+WorldSize = Annotated[float, Field(gt=0.0, le=300.0)]
+_FIRST_START, _LAST_START = datetime(1970, 1, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
 
 
 def _wall_from_points(value: Any) -> Any:
@@ -50,9 +54,9 @@ class Arc(Part):
     """A curved wall, made of short pieces."""
 
     center: Point
-    radius_m: Positive
-    from_deg: float = 0.0
-    to_deg: float = 360.0
+    radius_m: float = Field(ge=0.001, le=1000.0)
+    from_deg: float = Field(0.0, ge=-720.0, le=720.0)
+    to_deg: float = Field(360.0, ge=-720.0, le=720.0)
     returns: Share = 1.0
 
 
@@ -60,25 +64,25 @@ class Leg(Part):
     """A thin upright: leg of a table or chair, pillar, tree."""
 
     at: Point
-    radius_m: Positive = 0.02
+    radius_m: Length = 0.02
 
 
 class Process(Part):
     """Seeded changes of state: exponential waiting times, each change to another state at random."""
 
-    mean_s: Positive = Field(description="Mean time from one change to the next.")
+    mean_s: Mean = Field(description="Mean time from one change to the next.")
     when: Literal["always", "away", "near"] = Field(
         "always",
         description="Changes wait until the robot is further than near_m, or nearer, or for nothing.",
     )
-    near_m: Positive = 8.0
+    near_m: Length = 8.0
 
 
 class Changing(Part):
     """A thing with several states: when it takes which."""
 
     name: str = Field(min_length=1)
-    schedule: tuple[tuple[NotNegative, str], ...] = Field(
+    schedule: tuple[tuple[Seconds, str], ...] = Field(
         (), description="[seconds since the start, state]; the first state holds until the first entry."
     )
     process: Process | None = Field(None, description="Seeded changes instead of a schedule.")
@@ -107,7 +111,7 @@ class Door(Changing):
     kind: Literal["hinged", "sliding"] = "hinged"
     hinge: Point
     latch: Point
-    states: dict[str, float] = Field(
+    states: dict[str, Degrees] = Field(
         {"closed": 0.0, "open": 90.0},
         min_length=2,
         description="Hinged: degrees, counter-clockwise; sliding: percent of the width inside the wall at the hinge.",
@@ -122,8 +126,8 @@ class Door(Changing):
 class Box(Changing):
     """A box, pallet, car, table or chair that stands at one of several places, or is gone."""
 
-    size_m: tuple[Positive, Positive]
-    places: dict[str, tuple[float, float, float]] = Field(
+    size_m: tuple[Length, Length]
+    places: dict[str, tuple[Coordinate, Coordinate, Degrees]] = Field(
         min_length=1, description="Centre x, y in metres and yaw in degrees."
     )
     absent: bool = Field(True, description="Whether 'absent' is a state too.")
@@ -162,25 +166,29 @@ class Generate(Part):
     """A world drawn from a seed, added to what is listed."""
 
     kind: Literal["office", "warehouse", "home", "crowd", "car_park"]
-    size_m: tuple[Positive, Positive] | None = Field(
+    size_m: tuple[WorldSize, WorldSize] | None = Field(
         None, description="Length and width; null = as usual for its kind."
     )
-    seed: int | None = Field(None, ge=0, description="Seed of the building; null = that of the scenario.")
+    seed: int | None = Field(
+        None, ge=0, lt=2**63, description="Seed of the building; null = that of the scenario."
+    )
     door_share: Share = Field(0.6, description="Share of the doorways that have a door.")
-    boxes: int = Field(4, ge=0, description="How many boxes, pallets, chairs or cars come, go or move.")
+    boxes: int = Field(
+        4, ge=0, le=1000, description="How many boxes, pallets, chairs or cars come, go or move."
+    )
     changes: Process = Field(Process(mean_s=300.0), description="When doors and boxes change.")
-    people: int = Field(3, ge=0, description="How many people wander about.")
-    talking: int = Field(0, ge=0, description="How many groups stand and talk for a while.")
-    carts: int = Field(0, ge=0, description="How many carts (in the car park: cars) drive about.")
+    people: int = Field(3, ge=0, le=1000, description="How many people wander about.")
+    talking: int = Field(0, ge=0, le=1000, description="How many groups stand and talk for a while.")
+    carts: int = Field(0, ge=0, le=1000, description="How many carts (in the car park: cars) drive about.")
 
 
 class Moving(Part):
     """What all movers have in common."""
 
     shape: Literal["person", "cart", "robot"] = "person"
-    size_m: tuple[Positive, Positive] = Field((0.8, 0.5), description="Length and width of a cart.")
-    from_s: NotNegative = Field(0.0, description="Seconds since the start from which it is there.")
-    to_s: Positive | None = Field(None, description="Seconds since the start until which it is there.")
+    size_m: tuple[Length, Length] = Field((0.8, 0.5), description="Length and width of a cart.")
+    from_s: Seconds = Field(0.0, description="Seconds since the start from which it is there.")
+    to_s: Mean | None = Field(None, description="Seconds since the start until which it is there.")
 
 
 class Walk(Moving):
@@ -188,19 +196,27 @@ class Walk(Moving):
 
     does: Literal["walk"] = "walk"
     path: tuple[Point, ...] = Field(min_length=2)
-    speed_mps: Positive = 1.2
-    pause_s: NotNegative = Field(0.0, description="Pause at each corner.")
+    speed_mps: Speed = 1.2
+    pause_s: Seconds = Field(0.0, description="Pause at each corner.")
     closed: bool = Field(False, description="Round and round instead of to and fro.")
+
+    @model_validator(mode="after")
+    def _check_length(self) -> Walk:
+        """Somebody who walks gets somewhere."""
+        if sum(map(math.dist, self.path, self.path[1:])) < _LEAST_WAY_M:
+            msg = f"the path of a walker is shorter than {_LEAST_WAY_M:g} m; let it stand instead"
+            raise ValueError(msg)
+        return self
 
 
 class Wander(Moving):
     """Goes along the routes of the world, turns at random at crossings and stands still now and then."""
 
     does: Literal["wander"] = "wander"
-    count: int = Field(1, ge=1)
-    speed_mps: Positive = 1.2
+    count: int = Field(1, ge=1, le=1000)
+    speed_mps: Speed = 1.2
     pause_share: Share = Field(0.2, description="Share of the crossings at which it stops.")
-    pause_s: Positive = Field(8.0, description="Mean length of a stop.")
+    pause_s: Mean = Field(8.0, description="Mean length of a stop.")
 
 
 class Stand(Moving):
@@ -208,134 +224,47 @@ class Stand(Moving):
 
     does: Literal["stand"] = "stand"
     at: Point
-    count: int = Field(1, ge=1)
+    count: int = Field(1, ge=1, le=1000)
 
 
 class Follow(Moving):
     """Goes behind the robot, on its path."""
 
     does: Literal["follow"] = "follow"
-    distance_m: Positive = 1.0
+    distance_m: Length = 1.0
 
 
 class Block(Moving):
     """Goes in front of the robot, in its way."""
 
     does: Literal["block"] = "block"
-    distance_m: Positive = 1.2
+    distance_m: Length = 1.2
 
 
 Mover = Annotated[Walk | Wander | Stand | Follow | Block, Field(discriminator="does")]
-
-
-class Step(Part):
-    """One step of the robot's path: go somewhere, wait, or be switched off."""
-
-    to: Point | None = None
-    backwards: bool = Field(False, description="Drive there in reverse.")
-    wait_s: NotNegative = Field(0.0, description="Stand afterwards, measuring.")
-    off_s: NotNegative = Field(0.0, description="Stand afterwards, switched off: nothing is recorded.")
-
-
-def _step_from_point(value: Any) -> Any:
-    """Let a plain point stand for a step that goes there."""
-    return {"to": value} if isinstance(value, list | tuple) else value
-
-
-class Robot(Part):
-    """How the robot drives."""
-
-    path: tuple[Annotated[Step, BeforeValidator(_step_from_point)], ...] = Field(
-        (), description="Empty in a generated world: then each visit takes its own way."
-    )
-    repeat: int = Field(1, ge=1, le=10_000, description="Visits on a day: how often the path is driven.")
-    pause_s: NotNegative = Field(0.0, description="Time between two visits, switched off.")
-    days: int = Field(1, ge=1, le=1000)
-    night_s: NotNegative = Field(57_600.0, description="Time between two days, switched off.")
-    speed_mps: Positive = 0.8
-    turn_rate_degps: Positive = 60.0
-    corner_m: NotNegative = Field(0.5, description="Length by which corners are cut; 0 = turn on the spot.")
-
-    @model_validator(mode="after")
-    def _check_path(self) -> Robot:
-        """The first step says where the robot starts."""
-        if self.path and self.path[0].to is None:
-            msg = "the first step of the path must be a place [x, y]: there the robot starts"
-            raise ValueError(msg)
-        return self
-
-
-class Laser(Part):
-    """A scanning laser."""
-
-    name: str = Field("laser", pattern=r"^[a-z][a-z0-9_]*$")
-    pose: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description="On the robot: x, y in m, yaw in deg."
-    )
-    beams: int = Field(181, ge=2, le=20_000)
-    fov_deg: float = Field(180.0, gt=0.0, le=360.0)
-    clockwise: bool = False
-    min_range_m: NotNegative = 0.05
-    max_range_m: Positive = 30.0
-    rate_hz: Positive = 10.0
-    beam_interval_s: NotNegative = Field(0.0, description="Time from one beam to the next; 0 = all at once.")
-    noise_m: NotNegative = Field(0.01, description="Standard deviation of a range.")
-    noise_share: NotNegative = Field(0.0, description="Further standard deviation as a share of the range.")
-    dropout_share: Share = Field(0.0, description="Share of beams that come back with nothing, at any angle.")
-    grazing_deg: float = Field(
-        0.0, ge=0.0, lt=90.0, description="Below this angle to a surface returns get lost, all of them at 0."
-    )
-    mixed_share: Share = Field(0.0, description="Share of edge beams that end between the two surfaces.")
-    no_return: Literal["inf", "max", "zero"] = Field(
-        "inf", description="What the recording says where nothing is."
-    )
-    sees: Literal["legs", "torso"] = Field("legs", description="Height: people's legs or trunks.")
-
-    @model_validator(mode="after")
-    def _check_times(self) -> Laser:
-        """A sweep ends before the next begins."""
-        if self.beam_interval_s * (self.beams - 1) > 1.0 / self.rate_hz:
-            msg = (
-                f"{self.beams} beams at {self.beam_interval_s:g} s each do not fit into 1/{self.rate_hz:g} s"
-            )
-            raise ValueError(msg)
-        return self
-
-
-class Odometry(Part):
-    """How wheels count."""
-
-    rate_hz: Positive = 20.0
-    translation_scale: Positive = 1.0
-    rotation_scale: Positive = 1.0
-    bias_degpm: float = Field(0.0, description="Turn that is counted per metre driven, degrees.")
-    sigma_m_per_sqrt_m: NotNegative = Field(0.02, description="Noise of the length after one metre.")
-    sigma_deg_per_sqrt_m: NotNegative = Field(0.5, description="Noise of the direction after one metre.")
-    sigma_deg_per_sqrt_turn: NotNegative = Field(3.0, description="Noise of the direction after a full turn.")
-    slips_per_100m: NotNegative = Field(0.0, description="How often a wheel slips.")
-    slip_deg: NotNegative = Field(10.0, description="Standard deviation of the turn that a slip feigns.")
-    lag_s: float = Field(0.0, description="How late its time stamps are; negative = early.")
-    signed: bool = Field(True, description="False: reversing is counted as driving forwards.")
-    freezes_per_hour: NotNegative = 0.0
-    freeze_s: Positive = Field(3.0, description="Length of a freeze: motion meanwhile is not counted.")
 
 
 class Scenario(Part):
     """A world, a robot in it, and what is recorded."""
 
     about: str = Field("", description="One line: what it tests.")
-    seed: int = Field(0, ge=0)
-    start: AwareDatetime = datetime(2026, 3, 2, 8, 0, tzinfo=UTC)
-    turn_deg: float = Field(0.0, description="Turn of the whole world against the axes of the map.")
+    seed: int = Field(0, ge=0, lt=2**63)
+    start: AwareDatetime = Field(
+        datetime(2026, 3, 2, 8, 0, tzinfo=UTC),
+        ge=_FIRST_START,
+        lt=_LAST_START,
+        description="Time of the first scan.",
+    )
+    turn_deg: Degrees = Field(0.0, description="Turn of the whole world against the axes of the map.")
     world: World = World()
     generate: Generate | None = Field(
         None, description="A world to be drawn from the seed, and visits in it."
     )
     movers: tuple[Mover, ...] = ()
     robot: Robot = Robot()
-    lasers: tuple[Laser, ...] = Field((Laser(),), min_length=1)
+    lasers: tuple[Laser, ...] = Field((Laser(),), min_length=1, max_length=16)
     odometry: Odometry | None = Field(Odometry(), description="null = none.")
-    map_resolution_m: Positive = Field(0.05, description="Cell of the true map.")
+    map_resolution_m: float = Field(0.05, ge=0.005, le=10.0, description="Cell of the true map.")
 
     @model_validator(mode="after")
     def _check_parts(self) -> Scenario:
@@ -343,6 +272,10 @@ class Scenario(Part):
         if len({laser.name for laser in self.lasers}) < len(self.lasers):
             msg = "two lasers have the same name; give each its own"
             raise ValueError(msg)
+        for route in self.world.routes:
+            if len(route) < 2 or min(map(math.dist, route, route[1:])) < _LEAST_WAY_M:
+                msg = f"a route needs at least two points, each {_LEAST_WAY_M:g} m or more from the next"
+                raise ValueError(msg)
         if self.generate is not None:
             return self
         if not self.robot.path:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32
-from dynmap_cli.simulation.scenario import Laser
+from dynmap_cli.simulation.robot import Laser
 
 STATIC, MOVING, NO_RETURN, MIXED, FIRST_OBJECT = 0, 1, 2, 3, 10
 """Classes of beams: a wall; something that moves; no end point; an end point between two surfaces;

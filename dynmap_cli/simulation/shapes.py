@@ -10,7 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from dynmap_cli.arrays import F64, I32
-from dynmap_cli.simulation.scenario import Arc, Door, Point, Wall, World
+from dynmap_cli.simulation.quantities import Point
+from dynmap_cli.simulation.scenario import Arc, Door, Wall, World
 
 LEAF_THICKNESS_M = 0.04
 _LEG_RADIUS_M = 0.02

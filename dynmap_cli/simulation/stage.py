@@ -13,6 +13,7 @@ from dynmap_cli.progress import progress
 from dynmap_cli.simulation.recording import check_suffix, write_recording
 from dynmap_cli.simulation.run import count_scans, simulate
 from dynmap_cli.simulation.scenario import load_scenario
+from dynmap_cli.simulation.size import check_size
 from dynmap_cli.simulation.truth import summarize, write_truth
 
 _log = logging.getLogger(__name__)
@@ -42,6 +43,11 @@ def simulate_to_files(
         if path.exists() and not force:
             msg = f"{path}: exists already. Pass --force to replace it, or choose another output."
             raise ArtifactError(msg)
+    try:
+        check_size(scenario)
+    except ConfigError as err:
+        msg = f"{scenario_path}: {err}"
+        raise ConfigError(msg) from err
     scans = count_scans(scenario)
     if scans == 0:
         msg = f"{scenario_path}: the robot's path is over before the first scan is. Give it further places, or wait_s."

@@ -28,6 +28,8 @@ BILLION = "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n"
         ("a: !!python/object:os.system {}\n", "could not determine a constructor"),
         ("? [a, b]\n: 1\n", "unhashable"),
         ("? {a: b}\n: 1\n", "unhashable"),
+        ('a: "\\ud800"\n', "half a character"),
+        ('"\\udcff": 1\n', "half a character"),
         ("a\0b: 1", "special characters"),
         ("--- 1\n--- 2\n", "single document"),
         ("!!int a", "."),

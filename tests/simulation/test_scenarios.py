@@ -31,6 +31,26 @@ BAD = {
     "one name": (PATH + "lasers: [{}, {}]\n", "two lasers have the same name"),
     "wait first": ("robot: {path: [{wait_s: 3}]}\n", "must be a place [x, y]"),
     "unknown behaviour": (PATH + "movers: [{does: fly}]\n", "'walk', 'wander', 'stand', 'follow', 'block'"),
+    "far away": ("robot: {path: [[0, 0], [1.0e+300, 0]]}\n", "is not allowed"),
+    "aliases": (PATH + "world: {legs: [&a {at: [0, 0]}, *a]}\n", "anchors and aliases"),
+    "tiny cells": (PATH + "map_resolution_m: 1.0e-9\n", "map_resolution_m"),
+    "many people": (PATH + "generate: {kind: crowd, people: 1000000000}\n", "generate.people"),
+    "a long stay": ("robot: {path: [[0, 0], {wait_s: 1.0e+7}]}\n", "readings of the lasers, at most 3e+08"),
+    "many visits": (
+        "robot: {path: [[0, 0], [1, 0]], repeat: 10000, days: 1000}\n",
+        "are more than 20000 steps",
+    ),
+    "a long time": (
+        "robot: {path: [[0, 0], [1, 0]], repeat: 100, pause_s: 1.0e+7}\n",
+        "seconds from first to last, at most 4e+07",
+    ),
+    "a wide world": (
+        PATH + "world: {walls: [[[0, 0], [9.0e+4, 9.0e+4]]]}\n",
+        "a grid has at most 8e+07 cells",
+    ),
+    "nowhere to walk": (PATH + "movers: [{does: walk, path: [[0, 0], [0, 0]]}]\n", "shorter than 0.1 m"),
+    "nowhere to go": (PATH + "world: {routes: [[[0, 0], [0, 0]]]}\n", "0.1 m or more from the next"),
+    "another age": (PATH + "start: 9999-01-01T00:00:00Z\n", "start"),
     "a list": ("- 1\n", "expected 'key: value' lines, found list"),
     "not YAML": ("a: [1\n", "not YAML"),
 }

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynmap_cli.simulation.scenario import Arc, Leg, Point, Step
+from dynmap_cli.simulation.quantities import Point
+from dynmap_cli.simulation.robot import Step
+from dynmap_cli.simulation.scenario import Arc, Leg
 from dynmap_cli.simulation.worlds.plan import Lap, Placing, Plan
 
 SIZE_M = (80.0, 50.0)

@@ -8,7 +8,8 @@ import numpy as np
 
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.simulation.randomness import stream
-from dynmap_cli.simulation.scenario import Mover, Robot, Scenario, Stand, Step, Wander, World
+from dynmap_cli.simulation.robot import Robot, Step
+from dynmap_cli.simulation.scenario import Mover, Scenario, Stand, Wander, World
 from dynmap_cli.simulation.worlds import car_park, crowd, home, office, warehouse
 from dynmap_cli.simulation.worlds.plan import Lap, Plan
 

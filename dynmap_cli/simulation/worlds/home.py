@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynmap_cli.simulation.scenario import Step
+from dynmap_cli.simulation.robot import Step
 from dynmap_cli.simulation.worlds.plan import Lap, Plan
 from dynmap_cli.simulation.worlds.rooms import Row, add_row
 

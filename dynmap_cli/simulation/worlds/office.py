@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynmap_cli.simulation.scenario import Point, Step
+from dynmap_cli.simulation.quantities import Point
+from dynmap_cli.simulation.robot import Step
 from dynmap_cli.simulation.worlds.plan import Lap, Plan
 from dynmap_cli.simulation.worlds.rooms import Doorway, Row, add_row
 

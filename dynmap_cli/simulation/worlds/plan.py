@@ -8,17 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynmap_cli.simulation.scenario import (
-    Arc,
-    Box,
-    Door,
-    Generate,
-    Leg,
-    Point,
-    Process,
-    Step,
-    Wall,
-)
+from dynmap_cli.simulation.quantities import Point
+from dynmap_cli.simulation.robot import Step
+from dynmap_cli.simulation.scenario import Arc, Box, Door, Generate, Leg, Process, Wall
 from dynmap_cli.simulation.shapes import rectangle
 
 Lap = Callable[[np.random.Generator], list[Step]]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from dynmap_cli.simulation.scenario import Point
+from dynmap_cli.simulation.quantities import Point
 from dynmap_cli.simulation.worlds.plan import Plan, pieces_of
 
 DOORWAY_M = 1.0

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynmap_cli.simulation.scenario import Leg, Point, Step
+from dynmap_cli.simulation.quantities import Point
+from dynmap_cli.simulation.robot import Step
+from dynmap_cli.simulation.scenario import Leg
 from dynmap_cli.simulation.worlds.plan import Lap, Plan
 
 SIZE_M = (48.0, 28.0)
