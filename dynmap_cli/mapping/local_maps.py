@@ -146,7 +146,7 @@ class Easel:
         self._drawn = local_map
 
     def search(self, moved: LocalMap, guess: F64, reach_m: float, half_turn_rad: float) -> list[Fit]:
-        """Fits of *moved* at the best places around a guess, most matched points first."""
+        """Fits of *moved* at the best places around a guess, most matched points first; none where nothing overlaps."""
         places = np.zeros((_N_PLACES, 4))
         reach = int(np.ceil(reach_m / COARSE_M))
         count = search_coarse(
@@ -159,6 +159,8 @@ class Easel:
             self._scores,
             places,
         )
+        if count == 0:
+            return []
         promising = places[:count][places[:count, 3] >= _PROMISING * places[0, 3]]
         fits = [
             self.fit(moved.points, place[:3], polish=False, n_points=_POINTS_TO_TRY) for place in promising
