@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.stored import DAMAGE, Losses, StoredMessage
 from dynmap_cli.ingest.unpacking import unpack
 
@@ -88,7 +89,7 @@ def _learn(connections: dict[int, tuple[str, str]], record: _Record, view: memor
     try:
         details = _fields(view[record.start : record.end])
         number = _U32.unpack(record.fields[b"conn"])[0]
-        topic, msgtype = record.fields[b"topic"].decode(), details[b"type"].decode()
+        topic, msgtype = (printable(word.decode()) for word in (record.fields[b"topic"], details[b"type"]))
     except DAMAGE:
         return
     package, _, last = msgtype.rpartition("/")

@@ -14,6 +14,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import TRANSFORM_TYPES, USED_TYPES, Message, take_messages
 from dynmap_cli.ingest.stored import words_of
@@ -57,7 +58,9 @@ def read_bag(path: Path, name: str, kind: str) -> RawRecording:
         counts: Counter[tuple[str, str]] = Counter()
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
-        topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
+        topics = [
+            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
+        ]
         recording = RawRecording(name, kind, topics)
         take_messages(recording, _messages(reader, recording))
     return recording
@@ -111,9 +114,9 @@ def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
         try:
             content: Any = reader.deserialize(raw, connection.msgtype)
         except Exception as err:
-            decoding_failed(recording, connection.topic, err)
+            decoding_failed(recording, printable(connection.topic), err)
             continue
-        yield Message(connection.topic, connection.msgtype, logged_ns, content)
+        yield Message(printable(connection.topic), connection.msgtype, logged_ns, content)
     stated = sum(connection.msgcount for connection in wanted)
     if found != stated:
         msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"

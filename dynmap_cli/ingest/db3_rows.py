@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
+from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.stored import Losses, StoredMessage, words_of
 
 _MOST_GAPS = 200
@@ -25,7 +26,7 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
         connection.text_factory = lambda text: text.decode("utf-8", "replace")
         connection.execute("PRAGMA writable_schema=ON")
         topics = {
-            number: (str(name), str(kind), str(encoding))
+            number: (printable(str(name)), printable(str(kind)), str(encoding))
             for number, name, kind, encoding in connection.execute(
                 "SELECT id, name, type, serialization_format FROM topics"
             )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.ingest.merging import Columns
-from dynmap_cli.ingest.raw import RawRecording
+from dynmap_cli.ingest.raw import RawLaser, RawRecording
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
 _MOST_BEAMS = 8
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
+_CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
 _JUMP_M, _JUMP_M_PER_S = 1.0, 20.0
 
 
@@ -58,7 +61,22 @@ def _note_beam_intervals(recording: RawRecording, name: str) -> None:
         )
 
 
-def note_stamps(columns: Columns, recording: RawRecording) -> None:
+def note_stamps(lasers: Sequence[RawLaser], recording: RawRecording) -> None:
+    """Say how far stamps go back, and how long nothing was recorded: both happen when a clock is set."""
+    for laser in lasers:
+        stamps_ns = np.array(laser.stamps_ns, dtype=np.int64)
+        back_s = -float(np.diff(stamps_ns).min(initial=0)) * 1e-9
+        pause_s = float(np.diff(np.sort(stamps_ns)).max(initial=0)) * 1e-9
+        if back_s > _CLOCK_SET_S:
+            recording.warnings.append(
+                f"{laser.name}: from one scan to the next the stamps go back by up to {back_s:.1f} s, as where a clock "
+                "was set; scans are in the order of their stamps. Split the recording there"
+            )
+        if pause_s > _LONG_PAUSE_S:
+            recording.warnings.append(f"{laser.name}: no scans for up to {pause_s:.1f} s")
+
+
+def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:
     """Say how many sweeps share their stamp with another one of the same laser, for they are not copies of it."""
     is_same = np.diff(columns.stamps_ns) == 0
     is_same &= np.diff(columns.laser) == 0

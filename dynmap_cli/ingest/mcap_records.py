@@ -21,6 +21,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.stored import DAMAGE, Losses, StoredMessage
 from dynmap_cli.ingest.unpacking import unpack
 
@@ -58,11 +59,13 @@ class _Names:
         try:
             if record.op == Opcode.SCHEMA:
                 schema = Schema.read(stream)
-                self.schemas.setdefault(schema.id, schema.name)
+                self.schemas.setdefault(schema.id, printable(schema.name))
             else:
                 channel = Channel.read(stream)
                 kind = _type_of(self.schemas.get(channel.schema_id, ""), channel.message_encoding)
-                self.channels.setdefault(channel.id, (channel.topic, kind, channel.message_encoding))
+                self.channels.setdefault(
+                    channel.id, (printable(channel.topic), kind, channel.message_encoding)
+                )
         except (*DAMAGE, McapError):
             return
 

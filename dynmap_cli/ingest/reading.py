@@ -17,7 +17,13 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source, find_sources
-from dynmap_cli.ingest.doubts import drop_impossible, note_odometry, note_stamps, stamps_jump
+from dynmap_cli.ingest.doubts import (
+    drop_impossible,
+    note_odometry,
+    note_shared_stamps,
+    note_stamps,
+    stamps_jump,
+)
 from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
 from dynmap_cli.ingest.free_space import Sweeps
 from dynmap_cli.ingest.lasers import LaserChoice, choose_lasers, view_lasers
@@ -45,6 +51,7 @@ from dynmap_cli.ingest.wean import read_wean
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
+_FARTHEST_LASER_M = 20.0
 _IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False)
 
 
@@ -89,7 +96,8 @@ def merge_recordings(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
     poses = _cut_ends(columns, odometry, joined)
-    note_stamps(columns, joined)
+    note_stamps([choice.view.laser for choice in used], joined)
+    note_shared_stamps(columns, joined)
     note_odometry(columns, poses, joined)
     follows_arrival = stamps_jump(columns, out_of_order, joined)
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
@@ -170,9 +178,16 @@ def _mounting_of(choice: LaserChoice, settings: IngestSettings, joined: RawRecor
     """How a used laser sits on the robot: as set, as found, or at the centre with a warning."""
     if settings.laser_pose is not None:
         return Mounting(np.array(settings.laser_pose), is_upside_down=False, is_level=True, moves=False)
-    if choice.view.mounting is not None:
-        return choice.view.mounting
-    laser = choice.view.laser
+    laser, found = choice.view.laser, choice.view.mounting
+    if found is not None:
+        away_m = float(np.hypot(*found.robot_from_sensor[:2]))
+        if away_m > _FARTHEST_LASER_M:
+            msg = (
+                f"{joined.name}: {laser.name} would sit {away_m:.0f} m from the centre of the robot (at most "
+                f"{_FARTHEST_LASER_M:.0f} m). Its transform is wrong; pass --laser-pose X,Y,YAW."
+            )
+            raise LogError(msg)
+        return found
     frame = f"frame '{laser.frame}'" if laser.frame else "the laser"
     joined.warnings.append(
         f"{laser.name}: the recording does not say where {frame} sits on the robot; "
@@ -229,15 +244,17 @@ def _rewrite_ranges(
 
 def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
     """Drop sweeps in which no beam says anything; returns the poses of those that stay."""
+    if not np.isfinite(columns.ranges_m).any():
+        _, shape = columns.geometries[0]
+        msg = (
+            f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and "
+            f"{shape.range_max_m:g} m, as the laser states it. Check range_min and range_max of the driver, "
+            "or pass another --scan-topic."
+        )
+        raise LogError(msg)
     says_something = np.asarray(~np.isnan(columns.ranges_m).all(axis=1))
     if says_something.all():
         return poses
-    if not says_something.any():
-        msg = (
-            f"{joined.name}: no beam of any scan is a measurement. "
-            "Check range_min and range_max of the driver, or pass another --scan-topic."
-        )
-        raise LogError(msg)
     joined.dropped["scan without any measurement"] += int(np.count_nonzero(~says_something))
     columns.keep(says_something)
     return np.asarray(poses[says_something])

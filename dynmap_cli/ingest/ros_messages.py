@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32
-from dynmap_cli.ingest.plausible import FARTHEST_M, LONGEST_RANGE_M, are_coordinates, is_stamp, is_sweep
+from dynmap_cli.ingest.plausible import (
+    FARTHEST_M,
+    LONGEST_RANGE_M,
+    are_coordinates,
+    is_stamp,
+    is_sweep,
+    printable,
+)
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
 
 LASER_TYPES = frozenset({"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"})
@@ -59,8 +66,8 @@ def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
 
 
 def plain_frame(frame: str) -> str:
-    """A frame name without the leading slash of old tf."""
-    return frame.strip().lstrip("/")
+    """A frame name without the leading slash of old tf, and without what cannot be printed."""
+    return printable(frame).strip().lstrip("/")
 
 
 def _stamp_ns(header: Any) -> int:
@@ -188,13 +195,14 @@ def _clean_transforms(recording: RawRecording) -> None:
 
 
 def _mend_stamps(recording: RawRecording) -> None:
-    """Where a driver never stamped its messages take the time of recording; single ones without a stamp go."""
+    """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
     for laser in recording.lasers.values():
         unstamped = laser.stamps_ns.count(0)
-        if unstamped == laser.n_scans:
+        if len(set(laser.stamps_ns)) == 1 and (unstamped or laser.n_scans > 1):
             laser.stamps_ns = list(laser.logged_ns)
+            found = "no scan has a time stamp" if unstamped else "all scans have the same time stamp"
             recording.warnings.append(
-                f"{laser.name}: no scan has a time stamp; the times of recording are used, they come later"
+                f"{laser.name}: {found}; the times of recording are used, they come later"
             )
         elif unstamped:
             laser.keep([stamp != 0 for stamp in laser.stamps_ns])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 
+from dynmap_cli.ingest.plausible import printable
+
 DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
 """What taking broken bytes apart raises."""
 
@@ -82,4 +84,4 @@ class Losses:
 
 def words_of(err: BaseException) -> str:
     """What a library complains of, on one line."""
-    return " ".join(str(err).split()).rstrip(".")[:160] or type(err).__name__
+    return printable(" ".join(str(err).split())).rstrip(".")[:160] or type(err).__name__
