@@ -127,10 +127,21 @@ def fixed_point(hits: F64, passed_cells: F64, params: FilterParams) -> F64:
     seen = hits + passed_cells
     hit_share = np.full(hits.shape, np.nan)
     np.divide(hits, seen, out=hit_share, where=seen > 0)
-    prior = params.static_prior
     if params.em == "closed":
-        return np.asarray(np.clip((prior * hit_share - (1.0 - prior)) / (2.0 * prior - 1.0), 0.0, 1.0))
-    return _iterate(hit_share.ravel(), prior).reshape(hits.shape)
+        return _fixed_point_of_share(hit_share, params.static_prior)
+    return _iterate(hit_share.ravel(), params.static_prior).reshape(hits.shape)
+
+
+def expectation_of(hit_share: F64, prior: float) -> F64:
+    """E (Eq. 1.10) at the fixed point of a hit share, (rows, cols); 1/2 where the share is 2 (1 - prior)."""
+    expectation = np.empty(hit_share.size)
+    static_probability(_fixed_point_of_share(hit_share, prior).ravel(), prior, expectation)
+    return expectation.reshape(hit_share.shape)
+
+
+def _fixed_point_of_share(hit_share: F64, prior: float) -> F64:
+    """Closed form of the fixed point, see `fixed_point`."""
+    return np.asarray(np.clip((prior * hit_share - (1.0 - prior)) / (2.0 * prior - 1.0), 0.0, 1.0))
 
 
 def em_step(reflectance: F64, hit_share: F64, static_prior: float) -> F64:

@@ -11,6 +11,7 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.counting.counts import Rays, frame_of_scans, rays_of, twists_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, filter_beams
+from dynmap_cli.counting.looks import filter_by_looks
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops, refine_graph, spread_to_scans
@@ -110,6 +111,16 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         weights = filtered.static_probability
         if rounds[-1].changed_labels < settings.stop_label_share:
             break
+    if settings.look_s > 0.0 and poses is not None:
+        filtered = filter_by_looks(
+            filtered,
+            registrar.log,
+            poses,
+            look_s=settings.look_s,
+            look_prior=settings.look_prior,
+            usable_range_m=settings.usable_range_m,
+            twists=twists,
+        )
     trajectory = Trajectory(log.stamps_ns, poses if poses is not None else log.odometry)
     return FilterMap(
         trajectory, filtered, tuple(rounds), registrar.calibration, registrar.graph, registrar.lost_scans

@@ -33,6 +33,15 @@ class MapSettings(BaseModel):
         True,
         description="A beam without return passes only up to the first wall others see; in the paper it passes on.",
     )
+    look_s: float = Field(
+        5.0, ge=0.0, le=600.0, description="Scans of this many seconds are one look at a place; 0 = no looks."
+    )
+    look_prior: float = Field(
+        0.8,
+        gt=0.5,
+        lt=1.0,
+        description="Dynamic is also what fewer than 2 (1 - prior) of the looks at its place saw there.",
+    )
     max_rounds: int = Field(2, ge=1, le=20, description="Rounds of registration and filtering at most.")
     stop_label_share: float = Field(
         0.001, ge=0.0, le=1.0, description="Stop when fewer labels than this share change in a round."

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I8, I64
-from dynmap_cli.counting.evidence import Evidence, EvidenceParams, surface_cells
-from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame
+from dynmap_cli.counting.evidence import EvidenceParams
+from dynmap_cli.counting.looks import count_looks
+from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.progress import Tick, no_tick
 
@@ -80,31 +80,9 @@ def find_contradictions(
     params : EvidenceParams
     on_window : Tick
     """
-    windows = time_windows(log, window_s)
-    surface = surface_cells(log, poses, frame, windows, params)
-    occupied, free = (np.zeros(surface.cells.shape[0], dtype=np.int64) for _ in range(2))
-    evidence = Evidence(surface, params)
-    for window in windows:
-        evidence.add(log.select(window), poses[window])
-        seen, states = evidence.judge()
-        occupied[seen] += states == OCCUPIED
-        free[seen] += states == FREE
-        evidence.clear()
-        on_window()
-    occupied_grid, free_grid = (np.zeros(frame.shape, dtype=np.int64) for _ in range(2))
-    occupied_grid[surface.cells[:, 0], surface.cells[:, 1]] = occupied
-    free_grid[surface.cells[:, 0], surface.cells[:, 1]] = free
-    return Contradictions(frame, occupied_grid, free_grid, len(windows))
-
-
-def time_windows(log: ScanLog, window_s: float) -> list[slice]:
-    """Runs of scans of one recording that lie in the same window; windows count from its first scan."""
-    if log.n_scans == 0:
-        return []
-    window_ns = round(window_s * 1e9)
-    starts = np.flatnonzero(np.diff(log.recording_index, prepend=-1))
-    first = np.repeat(log.stamps_ns[starts], np.diff(starts, append=log.n_scans))
-    number = (log.stamps_ns - first) // window_ns
-    cuts = np.flatnonzero((np.diff(number) != 0) | (np.diff(log.recording_index) != 0)) + 1
-    edges = [0, *cuts.tolist(), log.n_scans]
-    return [slice(first, last) for first, last in pairwise(edges)]
+    looks = count_looks(log, poses, frame, window_s, params, on_window)
+    occupied, free = (np.zeros(frame.shape, dtype=np.int64) for _ in range(2))
+    row, col = looks.surface.cells.T
+    occupied[row, col] = looks.occupied
+    free[row, col] = looks.free
+    return Contradictions(frame, occupied, free, looks.n_looks)

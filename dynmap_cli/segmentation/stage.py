@@ -9,6 +9,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.counting.evidence import EvidenceParams
+from dynmap_cli.counting.looks import time_windows
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
@@ -18,7 +19,7 @@ from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.progress import Tick, no_tick, progress
-from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions, time_windows
+from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
 from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_submaps, merge_regions
 from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.stage import Stage, StageContext

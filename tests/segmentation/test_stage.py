@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynmap_cli.counting.looks import time_windows
 from dynmap_cli.errors import ConfigError
-from dynmap_cli.segmentation.contradictions import time_windows
 from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.segmentation.stage import describe, find_submaps
 from tests.segmentation.worlds import corridor, shifted_poses, two_doors
