@@ -15,19 +15,25 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from dynmap_cli.arrays import F64
+from dynmap_cli.domain.poses import Trajectory
+from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping import rounds
+from dynmap_cli.mapping.back_end import Graph
 from dynmap_cli.mapping.front_end import FrontEndParams
 from dynmap_cli.mapping.loops import LoopParams
+from dynmap_cli.mapping.odometry import Calibration
 from dynmap_cli.mapping.settings import MapSettings
 from tests.bench.perturbations import PERTURBATIONS
 
 PARTS = {
     "register": "front end",
     "close_loops": "loops, graph",
-    "refine_graph": "fitting poses again",
+    "refine_graph": "fitting poses",
     "filter_beams": "counting, EM",
+    "filter_by_looks": "looks",
 }
 """Functions that `mapping.rounds` calls, and what they are called in the tables."""
 CALIBRATION, REST = "calibration", "rest"
@@ -68,7 +74,6 @@ def main(scans_dir: Path, out_dir: Path) -> None:
     clock = Clock()
     log = PERTURBATIONS[task["perturbation"]](read_scan_log(scans_dir))
     front, loops = FrontEndParams(**task["front"]), LoopParams(**task["loops"])
-    build = clock.timed(REST, rounds.build_filter_map)
     with ExitStack() as stack:
         for name, part in PARTS.items():
             function = clock.timed(part, getattr(rounds, name))
@@ -77,19 +82,39 @@ def main(scans_dir: Path, out_dir: Path) -> None:
         stack.enter_context(patch.object(rounds.Registrar, "_calibrate", calibrate))
         stack.enter_context(patch.object(rounds, "FrontEndParams", lambda: front))
         stack.enter_context(patch.object(rounds, "LoopParams", lambda: loops))
-        result = build(log, MapSettings(**task["map"]), threads=1)
+        found = (_map if task["filtered"] else _register)(log, MapSettings(**task["map"]), clock, out_dir)
+    (out_dir / "found.json").write_text(json.dumps({"scans": log.n_scans, "seconds": clock.seconds, **found}))
+
+
+def _map(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) -> dict[str, Any]:
+    """Rounds of registration and filtering, as in `dynmap map`."""
+    result = clock.timed(REST, rounds.build_filter_map)(log, settings, threads=1)
     write_tum(out_dir / "trajectory.tum", result.trajectory)
-    found = {
-        "scans": log.n_scans,
-        "keys": int(result.graph.keys.size) if result.graph else 0,
-        "loops": len(result.graph.loops) if result.graph else 0,
-        "contradictions": result.graph.contradictions if result.graph else 0.0,
-        "lost_scans": result.lost_scans,
-        "dynamic_share": [one.dynamic_share for one in result.rounds],
-        "findings": result.calibration.findings(),
-        "seconds": clock.seconds,
+    shares = [one.dynamic_share for one in result.rounds]
+    return {"dynamic_share": shares, **_registration(result.graph, result.calibration, result.lost_scans)}
+
+
+def _register(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) -> dict[str, Any]:
+    """Registration alone; no beam is filtered."""
+
+    def poses() -> tuple[rounds.Registrar, F64]:
+        registrar = rounds.Registrar(log, settings.model_copy(update={"max_rounds": 1}))
+        return registrar, registrar.poses(None, "once")
+
+    registrar, found = clock.timed(REST, poses)()
+    write_tum(out_dir / "trajectory.tum", Trajectory(log.stamps_ns, found))
+    return _registration(registrar.graph, registrar.calibration, registrar.lost_scans)
+
+
+def _registration(graph: Graph | None, calibration: Calibration, lost_scans: int) -> dict[str, Any]:
+    """What registration says of itself."""
+    return {
+        "keys": graph.keys.size if graph else 0,
+        "loops": len(graph.loops) if graph else 0,
+        "contradictions": graph.contradictions if graph else 0.0,
+        "lost_scans": lost_scans,
+        "findings": calibration.findings(),
     }
-    (out_dir / "found.json").write_text(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -15,9 +15,6 @@ from dynmap_cli.files.trajectory import read_tum
 from tests.bench.measured import Cost, dynmap, python, stage_seconds
 from tests.bench.worlds import Bench
 
-ONE_ROUND = {"max_rounds": 1}
-"""Settings with which no beam is filtered before the poses are final."""
-
 
 @dataclass(frozen=True)
 class Variant:
@@ -31,6 +28,8 @@ class Variant:
         One of `PERTURBATIONS`.
     map, front, loops : mapping
         What differs from the defaults in `MapSettings`, `FrontEndParams` and `LoopParams`.
+    filtered : bool
+        Rounds of registration and filtering, as in `dynmap map`; otherwise one registration of all beams.
     """
 
     name: str
@@ -38,6 +37,7 @@ class Variant:
     map: Mapping[str, Any] = field(default_factory=dict)
     front: Mapping[str, float] = field(default_factory=dict)
     loops: Mapping[str, float] = field(default_factory=dict)
+    filtered: bool = True
 
     def task(self) -> dict[str, Any]:
         """What `map_once` reads."""
@@ -46,6 +46,7 @@ class Variant:
             "map": dict(self.map),
             "front": dict(self.front),
             "loops": dict(self.loops),
+            "filtered": self.filtered,
         }
 
 

@@ -28,9 +28,9 @@ def tables(bench: Bench) -> list[Table]:
         "Real recordings: cost inside mapping",
         [
             "CPU seconds of each part with one thread and default settings, as recorded, compilation not included. "
-            "*Calibration*: the first pass over the first scans; *fitting poses again*: the second round, where "
-            "little was filtered; *rest*: reading the columns, frames, comparing rounds. *Process*: mapping alone, "
-            "start included. Aims for Intel: reading 1 s, front end 2 s, loops and graph 2 s.",
+            "*Calibration*: the first pass over the first scans; *fitting poses*: key scans on the local maps around "
+            "them; *rest*: reading the columns, frames, comparing rounds. *Process*: mapping alone, start included. "
+            "Aims for Intel: reading 1 s, front end 2 s, loops and graph 2 s.",
         ],
         ["log", "scans", "reading the log", *_PARTS, "process", "peak MB", "CPU ms per scan"],
     )

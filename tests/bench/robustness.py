@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 from dynmap_cli.mapping.front_end import FrontEndParams
 from dynmap_cli.mapping.loops import LoopParams
-from tests.bench.mapped import ONE_ROUND, Mapped, Variant, mapped, relations_m
+from tests.bench.mapped import Mapped, Variant, mapped, relations_m
 from tests.bench.real_logs import LOGS, AbsentError, RealLog
 from tests.bench.tables import Row, Table, number
 from tests.bench.worlds import Bench
@@ -22,8 +22,11 @@ _SETTINGS: dict[str, tuple[float, float]] = {
     "max_rounds": (1, 4),
     "usable_range_m": (15.0, 60.0),
 }
-"""Settings of `map` that are numbers. Of the prior, what it lacks to 1 is halved and doubled."""
-_OF_THE_FILTER = ("static_prior", "support_cells", "stop_label_share", "max_rounds")
+"""Settings of `map` that are numbers and act before the poses are final (`look_s` and `look_prior` act after).
+
+Of the prior, what it lacks to 1 is halved and doubled.
+"""
+_OF_THE_FILTER = ("resolution_m", "static_prior", "support_cells", "stop_label_share", "max_rounds")
 _COUNTS = ("n_keys", "n_partners")
 _FACTORS = ("independent_share",)
 _ABOUT = (
@@ -44,18 +47,17 @@ def rough_variants() -> list[Variant]:
 
 
 def changed_variants() -> list[Variant]:
-    """Every setting halved and doubled; those that do not concern the filter with one round of registration."""
-    found = [Variant("one round", map=ONE_ROUND)]
-    for name, (half, double) in _SETTINGS.items():
-        other = {} if name in _OF_THE_FILTER else ONE_ROUND
-        for value in (half, double):
-            found.append(Variant(f"map.{name} = {value:g}", map={**other, name: value}))
+    """Every setting halved and doubled; those that do not concern the filter with one registration of all beams."""
+    found = [Variant("one registration", filtered=False)]
+    for name, values in _SETTINGS.items():
+        filtered = name in _OF_THE_FILTER
+        found += [Variant(f"map.{name} = {one:g}", map={name: one}, filtered=filtered) for one in values]
     for name, value in asdict(FrontEndParams()).items():
-        for changed in halved_and_doubled(name, value):
-            found.append(Variant(f"front end, {name} = {changed:g}", map=ONE_ROUND, front={name: changed}))
+        for one in halved_and_doubled(name, value):
+            found.append(Variant(f"front end, {name} = {one:g}", front={name: one}, filtered=False))
     for name, value in asdict(LoopParams()).items():
-        for changed in halved_and_doubled(name, value):
-            found.append(Variant(f"loops, {name} = {changed:g}", map=ONE_ROUND, loops={name: changed}))
+        for one in halved_and_doubled(name, value):
+            found.append(Variant(f"loops, {name} = {one:g}", loops={name: one}, filtered=False))
     return found
 
 
@@ -78,7 +80,7 @@ def tables(bench: Bench) -> list[Table]:
             bench,
             "Robustness: every setting halved and doubled",
             [
-                f"{_ABOUT} Settings that do not concern the filter are tried with one round of registration. Of a "
+                f"{_ABOUT} Settings that do not concern the filter are tried with one registration of all beams. Of a "
                 "share of a half or more, what it lacks to 1 is halved and doubled.",
             ],
             variants[:6] if bench.quick else variants,
