@@ -191,7 +191,7 @@ def test_scans_without_beams_or_measurements_are_dropped_and_counted(tmp_path):
 
 def test_a_recording_without_any_measurement_is_refused(tmp_path):
     world = World(change=lambda _number, fields: fields.update(ranges=np.zeros(9, dtype=np.float32)))
-    with pytest.raises(LogError, match="no beam of any scan is a measurement"):
+    with pytest.raises(LogError, match="no beam of any scan is a return"):
         read(tmp_path, world)
 
 
