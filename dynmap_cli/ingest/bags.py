@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import re
 from collections import Counter
@@ -12,6 +13,7 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.plausible import printable
@@ -71,7 +73,7 @@ def _open(path: Path) -> Iterator[AnyReader]:
     """Open a bag; whatever the library raises then becomes one error."""
     reader = None
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(_ROS2_DEFAULT))
+        reader = AnyReader([path], default_typestore=_ros2_types())
         reader.open()
         for inner in reader.readers:
             _check_index(inner)
@@ -123,12 +125,19 @@ def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
         raise UnreadableBagError(msg)
 
 
+@functools.cache
+def _ros2_types() -> Typestore:
+    """Message types for bags that do not define theirs."""
+    return get_typestore(_ROS2_DEFAULT)
+
+
+@functools.cache
 def message_decoders() -> dict[str, Callable[[bytes, str], Any]]:
     """Functions (data, type) -> message for each encoding of ROS, for readers of other containers."""
     ros1 = get_typestore(Stores.ROS1_NOETIC)
     for kind in TRANSFORM_TYPES:
         ros1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
-    return {"cdr": get_typestore(_ROS2_DEFAULT).deserialize_cdr, "ros1": ros1.deserialize_ros1}
+    return {"cdr": _ros2_types().deserialize_cdr, "ros1": ros1.deserialize_ros1}
 
 
 def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:

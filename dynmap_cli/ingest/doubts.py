@@ -98,6 +98,20 @@ def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None
         )
 
 
+def note_track(recording: RawRecording, source: str) -> None:
+    """Say what is wrong with the stamps of an odometry that comes in messages or lines of its own."""
+    track = recording.odometry.get(source)
+    if track is None or source in recording.lasers:
+        return
+    steps_ns = np.diff(np.array(track.stamps_ns, dtype=np.int64))
+    backward, repeated = int(np.count_nonzero(steps_ns < 0)), int(np.count_nonzero(steps_ns == 0))
+    if backward or repeated:
+        recording.warnings.append(
+            f"odometry {source}: of {steps_ns.size + 1} poses {backward} were stamped before their predecessor and "
+            f"{repeated} like it; they were sorted, and of equal stamps the first pose counts"
+        )
+
+
 def stamps_jump(columns: Columns, out_of_order: int, recording: RawRecording) -> bool:
     """Whether consecutive sweeps are clearly more alike in the order of recording than along their stamps; says so."""
     if not out_of_order or len(columns.geometries) > 1:

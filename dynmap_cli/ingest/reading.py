@@ -22,6 +22,7 @@ from dynmap_cli.ingest.doubts import (
     note_odometry,
     note_shared_stamps,
     note_stamps,
+    note_track,
     stamps_jump,
 )
 from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
@@ -98,6 +99,7 @@ def merge_recordings(
     poses = _cut_ends(columns, odometry, joined)
     note_stamps([choice.view.laser for choice in used], joined)
     note_shared_stamps(columns, joined)
+    note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
     follows_arrival = stamps_jump(columns, out_of_order, joined)
     check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)

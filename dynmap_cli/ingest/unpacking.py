@@ -9,8 +9,9 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-_PIECE_BYTES = 1 << 16
+_PIECE_BYTES = 1 << 12
 _MOST_BYTES = 1 << 28
+"""Small pieces, for a few bytes can unpack to millions, and no more than a recorder puts into a block."""
 _DECODERS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
     "lz4": lz4.frame.LZ4FrameDecompressor,

@@ -258,6 +258,20 @@ def test_transforms_and_odometry_that_are_no_pose_are_counted(tmp_path, kind):
     }
 
 
+def test_odometry_that_is_not_in_order_is_said_with_numbers(tmp_path):
+    x, y, yaw = world_with().poses[0]
+    turn = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    late = ("/odom", ODOMETRY, START_NS + 10**10, odometry("odom", "base_link", START_NS, (x, y, 0.0, *turn)))
+    world = world_with(extra=[late, late])
+    world.with_tf = False
+    log, report = read_world(tmp_path, world)
+    np.testing.assert_allclose(log.odometry, world.poses, atol=1e-12)
+    assert any(
+        "odometry /odom: of 22 poses 1 were stamped before their predecessor and 1 like it" in line
+        for line in report.warnings
+    )
+
+
 @pytest.mark.parametrize("step_m", [1e4, 1e6])
 def test_odometry_that_jumps_is_said_with_numbers(tmp_path, step_m):
     _, report = read_world(tmp_path, world_with(step_m=step_m))
