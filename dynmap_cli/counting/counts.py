@@ -18,6 +18,7 @@ from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find
 SCANS_PER_CHUNK = 1024
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
+_JUMP_M, _JUMP_MPS = 100.0, 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,8 +287,9 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
     Raises
     ------
     LogError
-        If they lie too far apart for a grid.
+        If the path jumps, or they lie too far apart for a grid.
     """
+    _refuse_jumps(log, poses)
     rays = rays_of(log, usable_range_m)
     corners: list[F64] = [poses[np.isfinite(poses).all(axis=1), :2]]
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
@@ -304,6 +306,23 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
             "or choose a larger map.resolution_m."
         )
         raise LogError(msg) from err
+
+
+def _refuse_jumps(log: ScanLog, poses: F64) -> None:
+    """Refuse a path that no robot drives; a grid around both ends of a jump would be nearly empty, and huge."""
+    order = np.argsort(log.arrival_index, kind="stable")
+    known = order[np.isfinite(poses[order]).all(axis=1)]
+    steps_m = np.hypot(*np.diff(poses[known, :2], axis=0).T)
+    gaps_s = np.abs(np.diff(log.stamps_ns[known])) * 1e-9
+    jumps = np.flatnonzero(steps_m > _JUMP_M + _JUMP_MPS * gaps_s)
+    if jumps.size:
+        first = jumps[0]
+        msg = (
+            f"{', '.join(log.recordings)}: the path jumps by {steps_m[first]:.4g} m between two scans that are "
+            f"{gaps_s[first]:.3g} s apart, at most {_JUMP_M:g} m and {_JUMP_MPS:g} m/s are taken for a drive. "
+            "Check the odometry with `dynmap info`; pass --odom to choose another one, or none."
+        )
+        raise LogError(msg)
 
 
 def _end_points(log: ScanLog, rays: Rays, poses: F64, part: slice) -> F64:

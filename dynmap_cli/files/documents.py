@@ -98,7 +98,7 @@ class _PlainLoader(yaml.SafeLoader):
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> str:
         """Refuse halves of characters, which no file and no terminal can show."""
-        value: str = super().construct_scalar(node)  # type: ignore[no-untyped-call]
+        value: str = super().construct_scalar(node)
         if any("\ud800" <= character <= "\udfff" for character in value):
             problem = f"half a character in {ascii(value)[:60]}"
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)

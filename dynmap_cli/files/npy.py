@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tokenize
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -92,7 +93,7 @@ def _checked_header(stream: IO[bytes], size: int, column: Column, name: str) -> 
         raise ValueError(msg)
     try:
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream, _MAX_HEADER_BYTES)
-    except (SyntaxError, RecursionError) as err:
+    except (SyntaxError, RecursionError, tokenize.TokenError) as err:
         msg = f"{name} has a damaged header"
         raise ValueError(msg) from err
     wanted = np.dtype(column.dtype)

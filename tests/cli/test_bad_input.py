@@ -1,7 +1,10 @@
 """Bad input: one clear line, the right exit code, and every earlier result as it was."""
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 
 import pytest
 
@@ -98,7 +101,24 @@ def test_an_unknown_setting_names_the_nearest(refused, small, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "setting", ["map.static_prior=0.4", "map.resolution_m=wide", "seed=-1", "map.resolution_m=[1", "nonsense"]
+    "setting",
+    [
+        "map.static_prior=0.4",
+        "map.resolution_m=wide",
+        "seed=-1",
+        "map.resolution_m=[1",
+        "nonsense",
+        "map.resolution_m=1e-9",
+        "map.resolution_m=1e9",
+        "map.usable_range_m=.inf",
+        "localization.start=[.nan, 0, 0]",
+        "localization.max_particles=1000000000000",
+        "ingest.laser_pose=[1000, 0, 0]",
+        "seed=99999999999999999999",
+        "segmentation.window_s=1.0e-300",
+        "map.em=2020-13-45",
+        "map.em=&a [*a]",
+    ],
 )
 def test_a_setting_that_is_not_allowed(refused, small, setting):
     refused(SETTINGS, "map", small.run_dir, "--set", setting, "-q")
@@ -238,6 +258,10 @@ def test_maps_that_are_no_maps(refused, small, tmp_path):
         ("map", "run", "--threads", "many"),
         ("build", "x.bag", "-o", "run", "--from", "nowhere"),
         ("build", "x.bag", "-o", "run", "--laser-pose", "1,2"),
+        ("build", "x.bag", "-o", "run", "--laser-pose", "nan,0,0"),
+        ("localize", "run", "x.bag", "--start", "0,inf,0"),
+        ("map", "run", "--threads", "1000000000"),
+        ("map", "run", "--seed", "9" * 30),
     ],
 )
 def test_usage_is_exit_code_2(words):
@@ -254,3 +278,18 @@ def words_of(verb, small, tmp_path, run_dir=None):
         "build": ("build", small.recording, "-o", run_dir, "-q"),
         "localize": ("localize", run_dir, small.recording, "-o", tmp_path / "out", "-q"),
     }.get(verb, (verb, run_dir, "-q"))
+
+
+def test_names_that_the_terminal_cannot_show(small, tmp_path):
+    """A name that is not UTF-8, and a terminal that only knows ASCII: written out, and the run is whole."""
+    odd = tmp_path / os.fsdecode(b"caf\xe9 \xc3\xa9.mcap")
+    shutil.copy(small.recording, odd)
+    environment = {**os.environ, "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
+    dynmap = [sys.executable, "-m", "dynmap_cli"]
+    for words in (("build", odd, "-o", tmp_path / "odd"), ("info", odd), ("info", f"{odd}.gone")):
+        done = subprocess.run([*dynmap, *map(str, words)], capture_output=True, env=environment, check=False)
+        assert done.returncode == (RECORDING if str(words[1]).endswith("gone") else 0), done.stderr
+        assert b"Traceback" not in done.stderr
+        assert b"caf" in done.stdout + done.stderr
+    assert (tmp_path / "odd" / "report.html").read_text(encoding="utf-8").startswith("<!")
+    assert run_dynmap("build", odd, "-o", tmp_path / "odd", "-q").exit_code == 0

@@ -11,6 +11,7 @@ from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, 
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.errors import LogError
 from tests.reference.counting import plain_alpha_beta, plain_beams
 
 
@@ -146,3 +147,30 @@ def test_a_sweep_made_while_driving_counts_as_beams_from_where_each_was_made():
         one_by_one.add(replace(log, ranges_m=alone), there, 2.5)
     np.testing.assert_allclose(swept.passed_cells, one_by_one.counting_map().passed_cells, atol=1e-6)
     np.testing.assert_array_equal(swept.static_hits, one_by_one.counting_map().static_hits)
+
+
+@pytest.mark.parametrize("jump_m", [150.0, 1e4, 1e9, 1e300])
+def test_a_path_that_jumps_is_refused(jump_m):
+    poses = np.zeros((4, 3))
+    poses[2:, 0] = jump_m
+    log = single_laser_log(np.arange(4) * 10**8, np.ones((4, 1), np.float32), np.zeros(1), poses)
+    with pytest.raises(LogError, match="recording: the path jumps by"):
+        frame_of_scans(log, poses, 8.0, 0.05)
+
+
+@pytest.mark.parametrize("far_m", [1e5, 1e9, 1e300])
+@pytest.mark.parametrize("laser_pose", [True, False])
+def test_scans_that_need_too_large_a_grid_are_refused(far_m, laser_pose):
+    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    if not laser_pose:
+        poses[1, :2] = far_m
+    log = single_laser_log(
+        np.array([0, 2**62]),
+        np.ones((2, 1), np.float32),
+        np.zeros(1),
+        poses,
+        sensor_pose=(far_m if laser_pose else 0.0, 0.0, 0.0),
+    )
+    with pytest.raises(LogError, match=r"recording: .*(a grid has at most 8e\+07 cells|jumps)") as caught:
+        frame_of_scans(log, poses, 8.0, 0.05)
+    assert "\n" not in str(caught.value)

@@ -226,6 +226,14 @@ def test_columns_of_another_kind_are_refused(log, tmp_path, name, column):
         read_scan_log(tmp_path)
 
 
+def test_a_header_that_does_not_end_is_refused(log, tmp_path):
+    write_scan_log(tmp_path, log)
+    path = tmp_path / "bearings_rad.npy"
+    path.write_bytes(path.read_bytes().replace(b")", b"("))
+    with pytest.raises(ArtifactError, match="not a readable scan folder"):
+        read_scan_log(tmp_path)
+
+
 @pytest.mark.parametrize("names", ["3", "[3]", "{}", "[" * 200_000, '"a.bag"'])
 def test_names_of_recordings_that_are_no_names_are_refused(log, tmp_path, names):
     write_scan_log(tmp_path, log)
