@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.files.damage import reason
 
 KNOWN = (
     "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), "
@@ -121,7 +122,7 @@ def check_path(path: Path) -> None:
         raise LogError(msg) from err
     except (OSError, ValueError) as err:
         shown = str(path) if len(str(path)) <= _LONGEST_SHOWN else f"{str(path)[:_LONGEST_SHOWN]}..."
-        msg = f"{shown}: cannot be read ({getattr(err, 'strerror', None) or err})"
+        msg = f"{shown}: cannot be read ({reason(err)})"
         raise LogError(msg) from err
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         odd = [path]
@@ -178,7 +179,7 @@ def kind_of(path: Path, name: str) -> str:
         with path.open("rb") as stream:
             head = stream.read(_HEAD_BYTES)
     except OSError as err:
-        msg = f"{name}: cannot be read ({err.strerror})"
+        msg = f"{name}: cannot be read ({reason(err)})"
         raise LogError(msg) from err
     return _kind_of_head(head, name)
 
@@ -294,13 +295,8 @@ def _new_folder(scratch: Path) -> Path:
     return folder
 
 
-def _reason(err: BaseException) -> str:
-    """What is wrong, on one line."""
-    return " ".join(str(err).split())[:160] or type(err).__name__
-
-
 def _cannot_unpack(name: str, kind: str, err: BaseException) -> LogError:
     """One line for a damaged archive."""
     return LogError(
-        f"{name}: the {kind} file is damaged or cut off ({_reason(err)}). Copy it again from the robot."
+        f"{name}: the {kind} file is damaged or cut off ({reason(err)}). Copy it again from the robot."
     )

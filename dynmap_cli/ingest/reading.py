@@ -137,13 +137,17 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
     for recording in recordings:
         if not recording.lasers:
             found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
-            lost = "".join(f"; {count} x {reason}" for reason, count in recording.dropped.items())
-            lost += "".join(f"; {warning}" for warning in recording.warnings)
             msg = (
-                f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{lost}. "
+                f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{_lost(recording)}. "
                 "Record sensor_msgs/LaserScan, or pass another recording."
             )
             raise LogError(msg)
+
+
+def _lost(recording: RawRecording) -> str:
+    """What was left out of a recording that is refused, to be put at the end of a clause."""
+    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
+    return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
 def _load(source: Source) -> RawRecording:
@@ -248,10 +252,10 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
     """Drop sweeps in which no beam says anything; returns the poses of those that stay."""
     if not np.isfinite(columns.ranges_m).any():
         _, shape = columns.geometries[0]
+        reach = f"{shape.range_max_m:g} m" if np.isfinite(shape.range_max_m) else "a reach that is not stated"
         msg = (
-            f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and "
-            f"{shape.range_max_m:g} m, as the laser states it. Check range_min and range_max of the driver, "
-            "or pass another --scan-topic."
+            f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and {reach}"
+            f"{_lost(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
         )
         raise LogError(msg)
     says_something = np.asarray(~np.isnan(columns.ranges_m).all(axis=1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 
+from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.plausible import printable
 
 DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
@@ -84,4 +85,4 @@ class Losses:
 
 def words_of(err: BaseException) -> str:
     """What a library complains of, on one line."""
-    return printable(" ".join(str(err).split())).rstrip(".")[:160] or type(err).__name__
+    return printable(reason(err)).rstrip(".")
