@@ -169,6 +169,11 @@ def count_with(raw: CountingMap, cell_expectation: F64) -> CountingMap:
     return CountingMap(raw.frame, static, hits - static, raw.passed_cells, centroids)
 
 
+def all_static(counts: CountingMap) -> CountingMap:
+    """The map that all beams draw when none of them is filtered."""
+    return count_with(counts, np.ones(counts.frame.shape))
+
+
 def expected_log_likelihood(counts: CountingMap) -> float:
     r"""Eq. 1.7 in its sum over cells, \sum_j \alpha_j \ln m_j + \beta_j \ln(1 - m_j), without the constant gamma."""
     alpha, beta = counts.static_hits, counts.dynamic_hits + counts.passed_cells

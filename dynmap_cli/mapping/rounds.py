@@ -10,8 +10,9 @@ import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.counting.counts import Rays, frame_of_scans, rays_of, twists_of
-from dynmap_cli.counting.em import FilteredMap, FilterParams, filter_beams
+from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, filter_beams, occupancy
 from dynmap_cli.counting.looks import filter_by_looks
+from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops, refine_graph, spread_to_scans
@@ -48,12 +49,15 @@ class Round:
         Share of the beams whose label changed in this round; 1 in the first.
     pose_shift_m : float
         Largest shift of a pose in this round; NaN in the first.
+    occupancy : OccupancyGrid
+        The map at the end of the round.
     """
 
     log_likelihood: float
     dynamic_share: float
     changed_labels: float
     pose_shift_m: float
+    occupancy: OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,8 @@ class FilterMap:
     trajectory : Trajectory
     filtered : FilteredMap
     rounds : tuple of Round
+    unfiltered : OccupancyGrid
+        What the first round would have drawn of all beams.
     calibration : Calibration
         Of the odometry.
     graph : Graph or None
@@ -76,6 +82,7 @@ class FilterMap:
     trajectory: Trajectory
     filtered: FilteredMap
     rounds: tuple[Round, ...]
+    unfiltered: OccupancyGrid
     calibration: Calibration
     graph: Graph | None
     lost_scans: int
@@ -106,6 +113,8 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
         twists = twists_of(registrar.log, poses)
         filtered = filter_beams(registrar.log, poses, frame, params, twists=twists, threads=threads)
+        if number == 0:
+            unfiltered = occupancy(all_static(filtered.counting_map))
         rounds.append(_round(filtered, weights, poses, before))
         _log.info("round %d: %.1f %% of the beams dynamic", number + 1, 100 * filtered.dynamic_share)
         weights = filtered.static_probability
@@ -123,7 +132,13 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         )
     trajectory = Trajectory(log.stamps_ns, poses if poses is not None else log.odometry)
     return FilterMap(
-        trajectory, filtered, tuple(rounds), registrar.calibration, registrar.graph, registrar.lost_scans
+        trajectory,
+        filtered,
+        tuple(rounds),
+        unfiltered,
+        registrar.calibration,
+        registrar.graph,
+        registrar.lost_scans,
     )
 
 
@@ -241,4 +256,5 @@ def _round(filtered: FilteredMap, weights: F32 | None, poses: F64, before: F64 |
         differs = (filtered.static_probability < 0.5) != (weights < 0.5)
         changed = float((differs & ended).sum() / max(int(ended.sum()), 1))
         shift = float(np.nanmax(np.linalg.norm(poses[:, :2] - before[:, :2], axis=1), initial=0.0))
-    return Round(filtered.log_likelihood, filtered.dynamic_share, changed, shift)
+    drawn = occupancy(filtered.counting_map)
+    return Round(filtered.log_likelihood, filtered.dynamic_share, changed, shift, drawn)

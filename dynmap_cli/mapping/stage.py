@@ -41,6 +41,9 @@ def run(context: StageContext) -> dict[str, Any]:
     write_counting_map(out / "reflectance.npz", result.filtered.counting_map)
     write_map(out, "map", occupancy(result.filtered.counting_map))
     _write_rounds(out / "em.csv", result.rounds)
+    write_map(out, "unfiltered", result.unfiltered)
+    for number in sorted({1, min(2, len(result.rounds)), len(result.rounds)}):
+        write_map(out, f"round_{number}", result.rounds[number - 1].occupancy)
     if result.graph is not None:
         _write_graph(out / "trajectory.g2o", result.graph)
     return _summary(log, result)
@@ -130,6 +133,10 @@ STAGE = Stage(
         "map/trajectory.g2o",
         "map/beams.npz",
         "map/em.csv",
+        "map/unfiltered.pgm",
+        "map/unfiltered.yaml",
+        "map/round_1.pgm",
+        "map/round_1.yaml",
     ),
     run=run,
 )

@@ -13,7 +13,7 @@ from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
 
-_WALL, _FREE, _UNKNOWN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
+INK, _FREE, _UNKNOWN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
 _MOVED, _PATH, _SUBMAP, _CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
@@ -23,17 +23,19 @@ _FULL_REFLECTANCE = 0.5
 class MapPicture:
     """A map drawn with a whole number of pixels per cell, or of cells per pixel where it is large."""
 
-    def __init__(self, grid: OccupancyGrid) -> None:
+    def __init__(
+        self, grid: OccupancyGrid, target_pixels: int = _TARGET_PIXELS, most_pixels: int = _MOST_PIXELS
+    ) -> None:
         self._frame = grid.frame
         rows, cols = grid.frame.shape
         self._zoom, reduce = (
-            max(1, _TARGET_PIXELS // max(rows, cols)),
-            math.ceil(max(rows, cols) / _MOST_PIXELS),
+            max(1, target_pixels // max(rows, cols)),
+            math.ceil(max(rows, cols) / most_pixels),
         )
         cells = _reduced(grid.cells, reduce)
         colours = np.full((*cells.shape, 3), _UNKNOWN, dtype=np.uint8)
         colours[cells == FREE] = _FREE
-        colours[cells == OCCUPIED] = _WALL
+        colours[cells == OCCUPIED] = INK
         self._pixels: U8 = np.flipud(colours).repeat(self._zoom, axis=0).repeat(self._zoom, axis=1)
         self._pixels_per_m = self._zoom / reduce / grid.frame.resolution_m
 
@@ -75,7 +77,7 @@ class MapPicture:
         low = np.array([frame.origin_x_m, frame.origin_y_m])
         (left, bottom), (right, top) = self._to_pixels(np.array([low, low + submap.size_m])).tolist()
         pen.rectangle((left, top, right, bottom), outline=_SUBMAP, width=2)
-        pen.text((right + 3, top - 2), str(submap.submap_id), fill=_SUBMAP, font=_font(18))
+        pen.text((right + 3, top - 2), str(submap.submap_id), fill=_SUBMAP, font=font_of(18))
 
     def _draw_scale(self, pen: ImageDraw.ImageDraw, height: int) -> None:
         """Draw a bar of 1, 2, 5, 10, ... metres."""
@@ -83,8 +85,8 @@ class MapPicture:
         decade = 10.0 ** math.floor(math.log10(longest_m))
         length_m = max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest_m)
         y, right = height - 10, 10 + length_m * self._pixels_per_m
-        pen.line((10, y, right, y), fill=_WALL, width=3)
-        pen.text((10, y - 20), f"{length_m:g} m", fill=_WALL, font=_font(14))
+        pen.line((10, y, right, y), fill=INK, width=3)
+        pen.text((10, y - 20), f"{length_m:g} m", fill=INK, font=font_of(14))
 
 
 def draw_states(patch_set: PatchSet) -> Image.Image:
@@ -100,7 +102,7 @@ def draw_states(patch_set: PatchSet) -> Image.Image:
     for number, patch in enumerate(patch_set.patches):
         left, top = number % per_row * step_x, number // per_row * step_y
         visits = f"{patch.support} visit{'s' * (patch.support != 1)}"
-        pen.text((left, top), f"state {patch.patch_id}: {visits}", fill=_WALL, font=_font(12))
+        pen.text((left, top), f"state {patch.patch_id}: {visits}", fill=INK, font=font_of(12))
         tile = Image.fromarray(_tile(patch.reflectance, patch_set).repeat(zoom, axis=0).repeat(zoom, axis=1))
         sheet.paste(tile, (left, top + _TEXT_PIXELS))
         box = (left, top + _TEXT_PIXELS, left + cols * zoom - 1, top + _TEXT_PIXELS + rows * zoom - 1)
@@ -111,7 +113,7 @@ def draw_states(patch_set: PatchSet) -> Image.Image:
 def _tile(reflectance: F32, patch_set: PatchSet) -> U8:
     """(rows, cols, 3) colours of a state, first row on top."""
     strength = np.clip(np.nan_to_num(reflectance) / _FULL_REFLECTANCE, 0.0, 1.0)[..., None]
-    ink = np.where(patch_set.varying[..., None], np.array(_CHANGING), np.array(_WALL))
+    ink = np.where(patch_set.varying[..., None], np.array(_CHANGING), np.array(INK))
     colours = np.array(_FREE) * (1.0 - strength) + ink * strength
     colours[np.isnan(reflectance)] = _UNKNOWN
     return np.asarray(np.flipud(colours), dtype=np.uint8)
@@ -126,6 +128,6 @@ def _reduced(cells: I8, factor: int) -> I8:
     return np.asarray(padded.reshape(rows // factor, factor, cols // factor, factor).max(axis=(1, 3)))
 
 
-def _font(pixels: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font_of(pixels: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """The font that comes with Pillow."""
     return ImageFont.load_default(pixels)

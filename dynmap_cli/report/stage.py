@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet, Visit
 from dynmap_cli.domain.scans import end_points
 from dynmap_cli.domain.submaps import SubMap
@@ -48,7 +49,7 @@ def run(context: StageContext) -> dict[str, Any]:
     patches = context.run_dir / "patches" / "patches.zip"
     patch_sets, visits = read_patches(patches), read_visits(patches)
     pictures = {
-        "map": (_map_picture(context, submaps), _rounds_picture(context.run_dir / "map" / "em.csv")),
+        "map": _map_pictures(context, submaps),
         "segment": (),
         "cluster": _state_pictures(submaps, patch_sets, visits),
     }
@@ -101,8 +102,10 @@ def _settings_section(config: Config, manifests: Mapping[str, Manifest]) -> Sect
     return Section("Settings that are not the default", lines, tuple(rows))
 
 
-def _map_picture(context: StageContext, submaps: Sequence[SubMap]) -> Picture:
-    """The map with path, removed beams and sub-maps."""
+def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Picture, ...]:
+    """The map with path, removed beams and sub-maps; what the filter did to it."""
+    from dynmap_cli.report.curves import draw_rounds
+    from dynmap_cli.report.filtering import draw_filtered, draw_rounds_of_map
     from dynmap_cli.report.pictures import MapPicture
 
     folder = context.run_dir / "map"
@@ -111,22 +114,34 @@ def _map_picture(context: StageContext, submaps: Sequence[SubMap]) -> Picture:
     is_removed = read_beams(folder / "beams.npz", (log.n_scans, log.n_beams)) < DYNAMIC_BELOW
     removed = end_points(log, poses, is_removed)
     grid, _ = read_map(folder / "map.yaml")
+    unfiltered, _ = read_map(folder / "unfiltered.yaml")
+    curves = draw_rounds(_read_rounds(folder / "em.csv"))
     caption = (
         "Black: walls. White: free. Grey: never seen. Blue: the path. "
         f"Orange: {removed.shape[0]} end points of beams that hit something that moves, left out of the map. "
         + ("Red: areas that change, with their numbers." if submaps else "No area was seen in two states.")
     )
-    return Picture("map.png", _png(MapPicture(grid).draw(removed, poses[:, :2], submaps)), caption)
-
-
-def _rounds_picture(path: Path) -> Picture:
-    """Curves of em.csv."""
-    from dynmap_cli.report.curves import draw_rounds
-
-    caption = (
-        "Rounds of registration and filtering: how well all beams are explained, how many are called dynamic."
+    return (
+        Picture("map.png", _png(MapPicture(grid).draw(removed, poses[:, :2], submaps)), caption),
+        Picture(
+            "dynamic.png",
+            _png(draw_filtered(grid, removed)),
+            "The map with every end point in it, and the filtered one. Orange: where the removed beams ended.",
+        ),
+        Picture(
+            "em.png",
+            _png(draw_rounds_of_map(_rounds_of_map(folder, unfiltered), grid, curves)),
+            "Rounds of registration and filtering. Orange: cells that the final map does not have. Below: how well "
+            "all beams are explained, how many are called dynamic.",
+        ),
     )
-    return Picture("rounds.png", draw_rounds(_read_rounds(path)), caption)
+
+
+def _rounds_of_map(folder: Path, unfiltered: OccupancyGrid) -> list[tuple[str, OccupancyGrid]]:
+    """The map before the filter and after the rounds that were kept, with titles."""
+    numbers = sorted(int(path.stem.removeprefix("round_")) for path in folder.glob("round_*.yaml"))
+    rounds = [(f"round {number}", read_map(folder / f"round_{number}.yaml")[0]) for number in numbers]
+    return [("all beams", unfiltered), *rounds]
 
 
 def _read_rounds(path: Path) -> list[RoundRow]:

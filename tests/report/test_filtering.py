@@ -1,0 +1,56 @@
+"""Pictures of what the filter did."""
+
+import io
+
+import numpy as np
+from PIL import Image
+
+from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from dynmap_cli.report.filtering import _in_one_frame, draw_filtered, draw_rounds_of_map
+
+ORANGE = (240, 128, 16)
+
+
+def grid_with(points, origin=(-1.0, -1.0), shape=(40, 40)):
+    frame = GridFrame(0.05, *origin, *shape)
+    cells = np.full(shape, FREE, dtype=np.int8)
+    for row, col in frame.to_cells(np.array(points)).tolist():
+        cells[row, col] = OCCUPIED
+    return OccupancyGrid(frame, cells)
+
+
+def count(image, colour):
+    return int((np.asarray(image) == colour).all(axis=2).sum())
+
+
+def test_grids_keep_their_place_in_one_frame():
+    first, second = grid_with([(0.1, 0.2)]), grid_with([(0.1, 0.2), (1.3, 0.0)], (-0.5, -2.0), (60, 50))
+    for before, after in zip((first, second), _in_one_frame((first, second)), strict=True):
+        assert after.frame.shape == (60, 60)
+        old, new = (one.frame.to_points(np.argwhere(one.cells == OCCUPIED)) for one in (before, after))
+        np.testing.assert_allclose(new, old, atol=1e-9)
+        assert (after.cells != UNKNOWN).sum() == before.cells.size
+
+
+def test_removed_beams_are_coloured_only_in_the_filtered_map():
+    picture = draw_filtered(grid_with([(0, 0)]), np.array([[0.5, 0.5], [9.0, 9.0]]))
+    half = picture.width // 2
+    assert count(picture.crop((0, 0, half, picture.height)), ORANGE) == 0
+    assert count(picture.crop((half, 0, picture.width, picture.height)), ORANGE) == 4
+
+
+def test_cells_that_fade_out_are_coloured():
+    stream = io.BytesIO()
+    Image.new("RGB", (40, 20), (1, 2, 3)).save(stream, format="PNG")
+    wall, person = (0.0, 0.0), (0.5, 0.5)
+    final, titled = grid_with([wall]), [("all", grid_with([wall, person])), ("round 1", grid_with([wall]))]
+    sheet = draw_rounds_of_map(titled, final, stream.getvalue())
+    assert count(sheet, ORANGE) == 4
+    assert count(sheet, (1, 2, 3)) == 800
+
+
+def test_a_wall_that_moves_by_one_cell_is_no_change():
+    stream = io.BytesIO()
+    Image.new("RGB", (4, 4)).save(stream, format="PNG")
+    titled = [("all", grid_with([(0.05, 0.0)]))]
+    assert count(draw_rounds_of_map(titled, grid_with([(0.0, 0.0)]), stream.getvalue()), ORANGE) == 0
