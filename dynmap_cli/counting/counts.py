@@ -13,7 +13,7 @@ from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells
+from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells, widen_bounds
 
 SCANS_PER_CHUNK = 1024
 _WALL_REFLECTANCE = 0.5
@@ -291,15 +291,21 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
     """
     _refuse_jumps(log, poses)
     rays = rays_of(log, usable_range_m)
-    corners: list[F64] = [poses[np.isfinite(poses).all(axis=1), :2]]
+    known = poses[np.isfinite(poses).all(axis=1), :2]
+    bounds = np.concatenate([known.min(axis=0, initial=np.inf), known.max(axis=0, initial=-np.inf)])
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
-        points = _end_points(log, rays, poses, part)
-        corners += (
-            [points.min(axis=0, keepdims=True), points.max(axis=0, keepdims=True)] if points.size else []
+        widen_bounds(
+            np.array(log.ranges_m[part]),
+            np.array(log.geometry_index[part]),
+            rays.directions,
+            rays.sensor_poses,
+            rays.usable_m,
+            np.array(poses[part], dtype=np.float64),
+            bounds,
         )
     try:
-        return frame_around(np.concatenate(corners), resolution_m, 2 * resolution_m)
+        return frame_around(bounds.reshape(2, 2)[: 2 * known.size], resolution_m, 2 * resolution_m)
     except ValueError as err:
         msg = (
             f"{', '.join(log.recordings)}: {err}. Check odometry, tf and --laser-pose with `dynmap info`, "
@@ -323,21 +329,3 @@ def _refuse_jumps(log: ScanLog, poses: F64) -> None:
             "Check the odometry with `dynmap info`; pass --odom to choose another one, or none."
         )
         raise LogError(msg)
-
-
-def _end_points(log: ScanLog, rays: Rays, poses: F64, part: slice) -> F64:
-    """End points (n, 2) of the beams of some scans that hit something, map frame."""
-    geometry: I64 = log.geometry_index[part].astype(np.int64)
-    ranges = np.asarray(log.ranges_m[part], dtype=np.float64)
-    has_pose = np.asarray(np.isfinite(poses[part]).all(axis=1))
-    is_hit = (ranges <= rays.usable_m[geometry][:, None]) & has_pose[:, None]
-    scan, beam = np.nonzero(is_hit)
-    local = (
-        rays.sensor_poses[geometry[scan], :2]
-        + rays.directions[geometry[scan], beam] * ranges[is_hit][:, None]
-    )
-    pose = poses[part][scan]
-    cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    x = pose[:, 0] + cos * local[:, 0] - sin * local[:, 1]
-    y = pose[:, 1] + sin * local[:, 0] + cos * local[:, 1]
-    return np.column_stack([x, y])

@@ -236,6 +236,42 @@ def find_end_cells(
 
 
 @kernel
+def widen_bounds(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    poses: F64,
+    bounds: F64,
+) -> None:
+    """Widen bounds until they hold all end points of some scans.
+
+    Parameters
+    ----------
+    ranges_m, geometry_index, directions, sensor_poses, usable_m, poses
+        As for `count_scans`.
+    bounds : (4,) float64
+        Least x and y, largest x and y, map frame, metres.
+    """
+    for scan in range(ranges_m.shape[0]):
+        geometry = geometry_index[scan]
+        x0, y0, yaw = poses[scan, 0], poses[scan, 1], poses[scan, 2]
+        if not math.isfinite(x0 + y0 + yaw):
+            continue
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        for beam in range(ranges_m.shape[1]):
+            distance = float(ranges_m[scan, beam])
+            if not (0.0 <= distance <= usable_m[geometry]):
+                continue
+            local_x = sensor_poses[geometry, 0] + distance * directions[geometry, beam, 0]
+            local_y = sensor_poses[geometry, 1] + distance * directions[geometry, beam, 1]
+            x, y = x0 + cos * local_x - sin * local_y, y0 + sin * local_x + cos * local_y
+            bounds[0], bounds[1] = min(bounds[0], x), min(bounds[1], y)
+            bounds[2], bounds[3] = max(bounds[2], x), max(bounds[3], y)
+
+
+@kernel
 def cut_at_walls(
     ranges_m: F32,
     geometry_index: I32,

@@ -95,9 +95,11 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     sums = np.zeros((2 * _HALF_CELLS, 2 * _HALF_CELLS, 3), dtype=np.int64)
     points, normals = np.empty((_MAX_POINTS, 2), np.float32), np.empty((_MAX_POINTS, 2), np.float32)
     maps = []
-    for anchor in range(min(_EVERY // 2, keys.size - 1), keys.size, _EVERY):
+    anchors = range(min(_EVERY // 2, keys.size - 1), keys.size, _EVERY)
+    # One block for all masks goes back to the system when the maps are gone; many small ones would not.
+    masks = np.zeros((len(anchors), FREE_SIDE, FREE_SIDE), dtype=np.uint8)
+    for anchor, free in zip(anchors, masks, strict=True):
         members = np.arange(max(anchor - _MEMBERS, 0), min(anchor + _MEMBERS + 1, keys.size))
-        free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
         count = collect_local_map(
             sweeps.ranges_m,
             sweeps.weights,
