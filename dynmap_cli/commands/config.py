@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from dynmap_cli.commands.options import Shared, shared_options
+from dynmap_cli.commands.options import Shared, echo, shared_options
 
 
 @click.group("config")
@@ -21,6 +21,6 @@ def show(shared: Shared) -> None:
     from dynmap_cli.config import as_commented_yaml
 
     if shared.as_json:
-        click.echo(json.dumps(shared.config.model_dump(mode="json"), indent=2))
+        echo(json.dumps(shared.config.model_dump(mode="json"), indent=2) + "\n")
     else:
-        click.echo(as_commented_yaml(shared.loaded), nl=False)
+        echo(as_commented_yaml(shared.loaded))

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynmap_cli.errors import ArtifactError
+
 if TYPE_CHECKING:
     from dynmap_cli.config import Config, LoadedConfig
 
@@ -126,10 +128,20 @@ def set_up_logging(verbose: int, *, quiet: bool) -> None:
 def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -> None:
     """Write the result of a verb to stdout: JSON for programs, lines for people."""
     if as_json:
-        click.echo(json.dumps(_as_json(summary), indent=2, sort_keys=True, allow_nan=False))
+        echo(json.dumps(_as_json(summary), indent=2, sort_keys=True, allow_nan=False) + "\n")
     else:
-        for line in lines:
-            click.echo(line)
+        echo("".join(f"{line}\n" for line in lines))
+
+
+def echo(text: str) -> None:
+    """Write a result to stdout."""
+    try:
+        click.echo(text, nl=False)
+    except BrokenPipeError:
+        raise
+    except OSError as err:
+        msg = f"stdout: cannot be written ({err.strerror}). Choose another output or free the place."
+        raise ArtifactError(msg) from err
 
 
 def _as_json(value: Any) -> Any:

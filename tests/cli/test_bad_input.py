@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -293,3 +294,19 @@ def test_names_that_the_terminal_cannot_show(small, tmp_path):
         assert b"caf" in done.stdout + done.stderr
     assert (tmp_path / "odd" / "report.html").read_text(encoding="utf-8").startswith("<!")
     assert run_dynmap("build", odd, "-o", tmp_path / "odd", "-q").exit_code == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize("words", [["config", "show"], ["info", "--json"]])
+def test_an_output_that_is_full(small, words):
+    recording = [str(small.recording)] if words[0] == "info" else []
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "dynmap_cli", *words, *recording],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == FILES
+    assert done.stderr.splitlines()[-1].startswith("dynmap: stdout: cannot be written")
