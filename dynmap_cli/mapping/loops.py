@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -13,6 +13,7 @@ from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
 from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
 
 WINDOWS_M = (1.0, 3.0, 8.0, 12.0)
+_WEAK_SHARE = 0.03
 MAX_ROUNDS = 9
 
 
@@ -202,6 +203,7 @@ class LoopSearch:
                 self._reject("not unique")
                 return None
             best = unambiguous
+        best = _without_weak_direction(best)
         error = between(guess, best.pose)
         return Loop(fixed, moved, best, float(np.hypot(error[0], error[1])), abs(float(error[2])))
 
@@ -265,7 +267,17 @@ def _without_ambiguous_direction(best: Fit, others: list[Fit]) -> Fit | None:
     along = directions[0]
     if float(np.abs(shifts @ np.array([-along[1], along[0]])).max()) > 0.3:
         return None
+    return _without(best, along)
+
+
+def _without_weak_direction(fit: Fit) -> Fit:
+    """Take away what a fit says along bare walls: there only the noise of their normals speaks, and wrongly."""
+    strengths, directions = np.linalg.eigh(fit.information[:2, :2])
+    return fit if strengths[0] >= _WEAK_SHARE * strengths[1] else _without(fit, directions[:, 0])
+
+
+def _without(fit: Fit, along: F64) -> Fit:
+    """The fit without information on the shift along a unit vector."""
     keep = np.eye(3)
     keep[:2, :2] -= np.outer(along, along)
-    information = keep @ best.information @ keep
-    return Fit(best.pose, information, best.residual_m, best.matched, best.seen, best.in_free)
+    return replace(fit, information=keep @ fit.information @ keep)
