@@ -101,7 +101,7 @@ def filter_by_looks(
     usable_range_m: float,
     twists: F64 | None = None,
 ) -> FilteredMap:
-    """Lower e where a place was seen free in at least three looks and occupied in few.
+    """Lower e where the end cell was seen free in at least three looks and occupied in few.
 
     The share of looks that saw the place occupied takes the part that the hit share has for beams (Eq. 1.10 at its
     fixed point). Free looks rule out glass and fences, so the prior may be lower than that of beams.
@@ -139,11 +139,12 @@ def filter_by_looks(
 
 
 def _occupied_share(looks: Looks) -> F64:
-    """(rows, cols) largest share of looks that saw the cell, or one beside it, occupied; 1 where nothing speaks."""
-    known = looks.occupied + looks.free
-    share = np.full(looks.surface.frame.shape, -1.0)
-    row, col = looks.surface.cells[known > 0].T
-    own = (looks.occupied / np.maximum(known, 1))[known > 0]
-    share[row, col] = np.where(looks.free[known > 0] >= _LEAST_FREE_LOOKS, own, 1.0)
-    around = np.asarray(ndimage.maximum_filter(share, size=3, mode="constant", cval=-1.0))
-    return np.where(around < 0.0, 1.0, around)
+    """(rows, cols) largest share of looks that saw the cell, or one beside it, occupied; 1 where it was rarely free."""
+    known, shape = looks.occupied + looks.free, looks.surface.frame.shape
+    row, col = looks.surface.cells.T
+    share = np.full(shape, -1.0)
+    share[row, col] = np.where(known > 0, looks.occupied / np.maximum(known, 1), -1.0)
+    around = ndimage.maximum_filter(share, size=3, mode="constant", cval=-1.0)
+    is_free = np.zeros(shape, dtype=bool)
+    is_free[row, col] = looks.free >= _LEAST_FREE_LOOKS
+    return np.where(is_free, around, 1.0)

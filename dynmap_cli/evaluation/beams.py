@@ -1,22 +1,23 @@
-"""Labels of beams against what they really hit, with two ablations at the same poses."""
+"""Labels of beams against what they really hit, with ablations at the same poses."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I8, I32
-from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans
+from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans, twists_of
 from dynmap_cli.counting.em import FilterParams, filter_beams, occupancy
 from dynmap_cli.domain.grid import OCCUPIED
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.scores import Score, ratio
 from dynmap_cli.evaluation.truth import Run, Truth, same_scans
 
+PROBABILITY_LIMITS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
 RANGE_LIMITS_M = (0.0, 2.0, 5.0, 10.0, 20.0, math.inf)
 _KEPT, _REMOVED, _NO_LABEL = 1, 0, -1
 _MOST_MISMATCHES = 0.01
@@ -77,8 +78,22 @@ def paper_labels(run: Run, *, threads: int = 1) -> I8:
     return labels_of(filtered.static_probability)
 
 
+def beam_count_labels(run: Run, *, threads: int = 1) -> I8:
+    """Ablation: the filter without looks."""
+    settings = run.settings
+    params = FilterParams(
+        settings["static_prior"],
+        int(settings["support_cells"]),
+        settings["usable_range_m"],
+        stop_at_walls=bool(settings["stop_at_walls"]),
+    )
+    twists = twists_of(run.log, run.poses)
+    filtered = filter_beams(run.log, run.poses, _frame(run), params, twists=twists, threads=threads)
+    return labels_of(filtered.static_probability)
+
+
 def score_beams(name: str, run: Run, truth: Truth, *, threads: int = 1) -> Score:
-    """Measures of the run's labels, of both ablations, and by class and range.
+    """Measures of the run's labels, of the ablations, and by probability, class and range.
 
     Beams count that hit something, within the range that the run uses.
     """
@@ -91,6 +106,7 @@ def score_beams(name: str, run: Run, truth: Truth, *, threads: int = 1) -> Score
     is_static, is_moving = in_reach & (classes == truth.static), in_reach & (classes == truth.moving)
     methods = {
         "run": labels_of(run.static_probability)[mine],
+        "without looks": beam_count_labels(run, threads=threads)[mine],
         "plain counting": plain_map_labels(run, threads=threads)[mine],
         "paper to the letter": paper_labels(run, threads=threads)[mine],
     }
@@ -99,9 +115,11 @@ def score_beams(name: str, run: Run, truth: Truth, *, threads: int = 1) -> Score
         "methods at the same poses": [
             {"method": method, **measures(labels, is_static, is_moving)} for method, labels in methods.items()
         ],
+        "reliability": by_probability(run.static_probability[mine], is_static, is_moving),
         "by class": by_class(methods, classes, in_reach, truth),
         "by range": by_range(methods["run"], ranges, is_static, is_moving),
     }
+    values["calibration_error"] = calibration_error(run.static_probability[mine], is_static, is_moving)
     missing = 1.0 - ratio(mine.size, truth.trajectory.stamps_ns.size)
     labelled = ratio(int((in_reach & (methods["run"] != _NO_LABEL)).sum()), int(in_reach.sum()))
     return Score(name, (1.0 - missing) * labelled, values, details)
@@ -145,6 +163,41 @@ def by_class(methods: Mapping[str, I8], classes: I32, in_reach: B1, truth: Truth
         }
         for name, mask in masks.items()
     ]
+
+
+def by_probability(static_probability: F32, is_static: B1, is_moving: B1) -> list[dict[str, Any]]:
+    """Reliability: of the beams with an e between two limits, the share that is static, beside the mean of e."""
+    rows = []
+    for low, high, inside in _bins(static_probability, is_static | is_moving):
+        beams, static = int(inside.sum()), int((inside & is_static).sum())
+        rows.append(
+            {
+                "static_probability": f"{low:g}-{high:g}",
+                "beams": beams,
+                "mean": float(static_probability[inside].mean(dtype=np.float64)) if beams else math.nan,
+                "static": ratio(static, beams),
+            }
+        )
+    return rows
+
+
+def calibration_error(static_probability: F32, is_static: B1, is_moving: B1) -> float:
+    """Expected calibration error: mean over the beams of |mean e - share that is static| of their bin."""
+    total = weight = 0.0
+    for _, _, inside in _bins(static_probability, is_static | is_moving):
+        beams = int(inside.sum())
+        weight += beams
+        total += abs(
+            float(static_probability[inside].sum(dtype=np.float64)) - float((inside & is_static).sum())
+        )
+    return ratio(total, weight)
+
+
+def _bins(static_probability: F32, counted: B1) -> Iterator[tuple[float, float, B1]]:
+    """Yield both limits of each bin and which of the counted beams are in it; the last bin holds 1."""
+    for low, high in itertools.pairwise(PROBABILITY_LIMITS):
+        below = static_probability <= high if high == PROBABILITY_LIMITS[-1] else static_probability < high
+        yield low, high, np.asarray(counted & (static_probability >= low) & below)
 
 
 def by_range(labels: I8, ranges: F64, is_static: B1, is_moving: B1) -> list[dict[str, Any]]:

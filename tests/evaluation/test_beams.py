@@ -10,13 +10,14 @@ from hypothesis.extra import numpy as hnp
 
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.evaluation.beams import harmonic, measures, score_beams
+from dynmap_cli.evaluation.beams import by_probability, calibration_error, harmonic, measures, score_beams
 from dynmap_cli.evaluation.truth import same_scans
 from tests.evaluation.worlds import room
 
 
 def test_true_labels_are_perfect():
     score = score_beams("truth", *room())
+    assert score.values.pop("calibration_error") == 0.0
     assert set(score.values.values()) == {1.0}
     assert score.is_complete
 
@@ -31,9 +32,27 @@ def test_shuffled_labels_are_not():
 def test_the_filter_beats_nothing_and_ablations_are_there():
     score = score_beams("truth", *room())
     rows = {row["method"]: row for row in score.details["methods at the same poses"]}
-    assert set(rows) == {"run", "plain counting", "paper to the letter"}
+    assert set(rows) == {"run", "without looks", "plain counting", "paper to the letter"}
     assert rows["paper to the letter"]["dynamic_found_DA"] > 0.9
     assert rows["paper to the letter"]["static_kept_SA"] > 0.9
+
+
+@given(
+    e=hnp.arrays(np.float32, 300, elements=st.floats(0.0, 1.0, width=32)),
+    kinds=hnp.arrays(np.int8, 300, elements=st.integers(0, 2)),
+)
+def test_every_beam_that_counts_is_in_one_bin(e, kinds):
+    rows = by_probability(e, kinds == 0, kinds == 1)
+    assert sum(row["beams"] for row in rows) == int((kinds < 2).sum())
+    for row in rows:
+        low, high = map(float, row["static_probability"].split("-"))
+        assert row["beams"] == 0 or low - 1e-6 <= row["mean"] <= high + 1e-6
+
+
+def test_calibration_error_is_the_distance_of_said_and_true_share():
+    e, kinds = np.full(1000, 0.8, dtype=np.float32), np.arange(1000) % 10
+    assert calibration_error(e, kinds < 8, kinds >= 8) == pytest.approx(0.0, abs=1e-6)
+    assert calibration_error(e, kinds < 5, kinds >= 5) == pytest.approx(0.3, abs=1e-6)
 
 
 def test_a_beam_without_label_counts_as_wrong_and_lowers_the_coverage():

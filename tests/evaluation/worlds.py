@@ -9,7 +9,13 @@ from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.evaluation.truth import Run, Truth
 
 N_SCANS, N_BEAMS = 60, 90
-SETTINGS = {"resolution_m": 0.05, "usable_range_m": 30.0, "static_prior": 0.95}
+SETTINGS = {
+    "resolution_m": 0.05,
+    "usable_range_m": 30.0,
+    "static_prior": 0.95,
+    "support_cells": 1,
+    "stop_at_walls": True,
+}
 
 
 def room(seed=0, static_probability=None):
