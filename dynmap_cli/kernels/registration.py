@@ -230,7 +230,7 @@ def register_scans(
     information : (n_scans, 3, 3) float64
         What the match knows about each pose, map frame.
     twists : (n_scans, 3) float64
-        Filled: velocity during each scan, as predicted, robot frame.
+        Filled: velocity during each scan, as counted from there to the next one or as predicted, robot frame.
     flags : (n_scans,) uint8
     """
     n_beams = ranges_m.shape[1]
@@ -261,6 +261,12 @@ def register_scans(
                     dy / elapsed_s,
                     turn / elapsed_s,
                 )
+        if scan + 1 < motion.shape[0] and has_motion[scan + 1] > 0:
+            # A sweep runs after its stamp, so its velocity is that of the step to the next one.
+            elapsed_s = times_s[scan + 1] - times_s[scan]
+            if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
+                for k in range(3):
+                    twists[scan, k] = motion[scan + 1, k] / elapsed_s
         geometry = geometry_index[scan]
         count = thin_points(
             ranges_m[scan],
