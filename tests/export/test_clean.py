@@ -1,5 +1,6 @@
 """Clean recordings: what is removed, and that nothing else is touched."""
 
+import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -236,3 +237,18 @@ def test_an_input_is_never_replaced(cleaned):
     assert result.exit_code == 5
     assert "the recording that is read" in result.stderr
     assert (cleaned / "clean.mcap").read_bytes() == before
+
+
+def test_beams_on_known_states_are_kept_when_asked(corridor, sample_logs, tmp_path):
+    log = sample_logs / "corridor_monday.mcap"
+    removed = {}
+    for option in ((), ("--keep", "quasi-static")):
+        result = run_dynmap(
+            "clean", log, "-o", tmp_path / "c.mcap", "--run", corridor.run_dir, "--force", "--json", *option
+        )
+        assert result.exit_code == 0, result.output
+        removed[option] = json.loads(result.stdout)
+    plain, kept = removed.values()
+    assert plain["kept_on_changing_things"] == 0
+    assert kept["removed_beams"] + kept["kept_on_changing_things"] == plain["removed_beams"]
+    assert 0 < kept["kept_on_changing_things"] < 0.2 * plain["removed_beams"]
