@@ -6,6 +6,7 @@ import functools
 import json
 import logging
 import math
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ Function = Callable[..., Any]
 PATH = click.Path(path_type=Path)
 MAX_THREADS = 1024
 MAX_SEED = 2**63 - 1
+
+_WARNING = re.compile(r"(\w+: )?warning: ")
 
 
 @dataclass(frozen=True, slots=True)

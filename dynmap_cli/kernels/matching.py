@@ -18,6 +18,8 @@ ONE = 1 << 20
 """Fixed-point value of one hit."""
 NORMAL_RADIUS = 3
 FIELD_RADIUS = 2
+BARE, KNOWN_BOTH_WAYS = 0.01, 0.04
+"""Information along a corridor as a share of that across: below the one it is noise, above the other it counts."""
 HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
 
@@ -191,6 +193,22 @@ def insert_points(
 
 
 @kernel
+def bareness(xx: float, xy: float, yy: float) -> float:
+    """How much like a bare corridor the place is, 0 to 1: whether walls fix a position in one direction only.
+
+    Normals are noisy, so that even parallel walls seem to say something along them, some 0.3 % of what they say across.
+
+    Parameters
+    ----------
+    xx, xy, yy : float
+        Information about a position.
+    """
+    mean, half = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    ratio = (mean - half) / (mean + half + 1e-12)
+    return float(min(max((KNOWN_BOTH_WAYS - ratio) / (KNOWN_BOTH_WAYS - BARE), 0.0), 1.0))
+
+
+@kernel
 def point_to_line(
     points: F64,
     weights: F64,
@@ -236,6 +254,7 @@ def point_to_line(
             normal_matrix[i, j] = 0.0
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     total, matched = 1e-12, 0.0
+    lone = lone_x = lone_y = lone_squared = pull_x = pull_y = pull_turn = 0.0
     for k in range(count):
         weight = weights[k]
         total += weight
@@ -278,6 +297,13 @@ def point_to_line(
             gradient[0] += w * ex
             gradient[1] += w * ey
             gradient[2] += w * (px * ey - py * ex)
+            lone += w
+            lone_x += w * px
+            lone_y += w * py
+            lone_squared += w * (px * px + py * py)
+            pull_x += w * ex
+            pull_y += w * ey
+            pull_turn += w * (px * ey - py * ex)
             continue
         residual = -(nx * best_x + ny * best_y) * cell_m
         share = 1.0 / (1.0 + (residual / sigma_m) ** 2) ** 2
@@ -293,6 +319,17 @@ def point_to_line(
         gradient[0] += w * nx * residual
         gradient[1] += w * ny * residual
         gradient[2] += w * turn * residual
+    # Along a bare corridor the lone points are where beams graze a wall, and come along with the robot.
+    doubt = bareness(normal_matrix[0, 0] - lone, normal_matrix[0, 1], normal_matrix[1, 1] - lone)
+    if doubt > 0.0:
+        normal_matrix[0, 0] -= doubt * lone
+        normal_matrix[1, 1] -= doubt * lone
+        normal_matrix[0, 2] += doubt * lone_y
+        normal_matrix[1, 2] -= doubt * lone_x
+        normal_matrix[2, 2] -= doubt * lone_squared
+        gradient[0] -= doubt * pull_x
+        gradient[1] -= doubt * pull_y
+        gradient[2] -= doubt * pull_turn
     normal_matrix[1, 0] = normal_matrix[0, 1]
     normal_matrix[2, 0] = normal_matrix[0, 2]
     normal_matrix[2, 1] = normal_matrix[1, 2]

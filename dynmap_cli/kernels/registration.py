@@ -8,7 +8,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
-from dynmap_cli.kernels.matching import correlate, insert_points, point_to_line, thin_points
+from dynmap_cli.kernels.matching import bareness, correlate, insert_points, point_to_line, thin_points
 
 WIDE, LOST, KEY = 1, 2, 4
 """Flags of a scan: the correlative search was used, nothing fitted, it was put into the local map."""
@@ -59,6 +59,36 @@ def _solve3(a: F64, b: F64, out: F64) -> bool:
     out[1] = (y1 - l21 * out[2]) / l11
     out[0] = (y0 - l10 * out[1] - l20 * out[2]) / l00
     return True
+
+
+@kernel
+def leave_to_prior(information: F64, gradient: F64) -> None:
+    """Take out what the noise of normals feigns along a bare corridor; there the motion prior decides.
+
+    Parameters
+    ----------
+    information : (3, 3) float64
+        J^T W J, changed in place: along its weakest direction of x and y it loses the share `bareness`.
+    gradient : (3,) float64
+        J^T W r, changed in place alike.
+    """
+    taken = bareness(information[0, 0], information[0, 1], information[1, 1])
+    if taken == 0.0:
+        return
+    across = 0.5 * math.atan2(2.0 * information[0, 1], information[0, 0] - information[1, 1])
+    x, y = -math.sin(across), math.cos(across)
+    column = np.empty(3)
+    for i in range(3):
+        column[i] = taken * (information[i, 0] * x + information[i, 1] * y)
+    known = column[0] * x + column[1] * y
+    for i in range(3):
+        along_i = x if i == 0 else (y if i == 1 else 0.0)
+        for j in range(3):
+            along_j = x if j == 0 else (y if j == 1 else 0.0)
+            information[i, j] += known * along_i * along_j - along_i * column[j] - column[i] * along_j
+    slope = taken * (gradient[0] * x + gradient[1] * y)
+    gradient[0] -= slope * x
+    gradient[1] -= slope * y
 
 
 @kernel
@@ -116,7 +146,7 @@ def refine(
     sums, lines, stale, field
         The local map.
     information : (3, 3) float64
-        On return nu / sigma^2 * J^T W J of the last iteration, without the prior.
+        On return nu / sigma^2 * J^T W J of the last iteration, without the prior and without what is feigned.
     out : (3,) float64
         Refined pose.
 
@@ -149,6 +179,7 @@ def refine(
             information,
             gradient,
         )
+        leave_to_prior(information, gradient)
         for i in range(3):
             for j in range(3):
                 information[i, j] *= factor

@@ -16,6 +16,7 @@ from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, Edges, join_edges, no_edges, optimise
+from dynmap_cli.mapping.repair import repair
 
 _CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
 _CHAIN_SHIFT_M, _CHAIN_TURN_RAD = 0.008, 0.003
@@ -41,10 +42,14 @@ class Graph:
         Robust weight of each edge, 0 to 1.
     loops : tuple of Loop
         Between local maps, accepted.
-    rejected : dict of str to int
-        Loops that were tried and turned down, by reason.
+    anchors : (n_maps,) int64
+        Nodes that stand for the local maps.
+    rejected : dict of (int, int) to str
+        Pairs of local maps that were tried and turned down, and why.
     contradictions : float
         Share of pairs of nearby local maps that contradict each other in free space.
+    contradicting : tuple of (int, int)
+        These pairs.
     """
 
     keys: I64
@@ -52,8 +57,10 @@ class Graph:
     edges: Edges
     weights: F64
     loops: tuple[Loop, ...] = ()
-    rejected: dict[str, int] = field(default_factory=dict)
+    anchors: I64 = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    rejected: dict[tuple[int, int], str] = field(default_factory=dict)
     contradictions: float = 0.0
+    contradicting: tuple[tuple[int, int], ...] = ()
 
 
 def close_loops(
@@ -80,15 +87,18 @@ def close_loops(
     search = LoopSearch(maps, params)
     anchor_poses = _close_rounds(search, front.poses[keys], anchors, note)
     poses = _spread(anchors, anchor_poses, front.poses[keys])
-    contradictions, _ = search.contradictions(anchor_poses)
+    contradictions, contradicting = search.contradictions(anchor_poses)
+    closed = {(loop.fixed, loop.moved) for loop in search.loops}
     graph = Graph(
         keys,
         poses,
         no_edges(),
         np.zeros(0),
         tuple(search.loops),
-        dict(sorted(search.rejected.items())),
+        anchors,
+        {pair: reason for pair, reason in sorted(search.rejected.items()) if pair not in closed},
         contradictions,
+        tuple(contradicting),
     )
     return refine_graph(sweeps, rays, front, graph, maps)
 
@@ -124,17 +134,23 @@ def spread_to_scans(front: Registered, graph: Graph) -> F64:
 
 def _close_rounds(search: LoopSearch, key_poses: F64, anchors: I64, note: Callable[[str], None]) -> F64:
     """Search loops in growing windows until nothing is new; returns the poses of the anchors, (n_maps, 3)."""
-    chain = _anchor_chain(key_poses, anchors)
-    poses = key_poses[anchors]
-    for number in range(MAX_ROUNDS):
-        new = search.round(poses, WINDOWS_M[min(number, len(WINDOWS_M) - 1)])
-        if new:
-            edges = join_edges(chain, _loop_edges(search.loops, np.arange(anchors.size)))
-            poses, _ = optimise(poses, edges, _scales(edges))
-            note(f"loop round {number + 1}: {new} new loops, {len(search.loops)} in all")
-        elif number >= len(WINDOWS_M):
-            break
-    return poses
+    chain, numbers = _anchor_chain(key_poses, anchors), np.arange(anchors.size)
+
+    def solve(loops: Sequence[Loop], start: F64) -> F64:
+        edges = join_edges(chain, _loop_edges(loops, numbers))
+        return optimise(start, edges, _scales(edges))[0]
+
+    def until_nothing_new(poses: F64) -> F64:
+        for number in range(MAX_ROUNDS):
+            new = search.round(poses, WINDOWS_M[min(number, len(WINDOWS_M) - 1)])
+            if new:
+                poses = solve(search.loops, poses)
+                note(f"loop round {number + 1}: {new} new loops, {len(search.loops)} in all")
+            elif number >= len(WINDOWS_M):
+                break
+        return poses
+
+    return repair(search, until_nothing_new(key_poses[anchors]), solve, note)
 
 
 def _spread(nodes: I64, node_poses: F64, poses: F64) -> F64:

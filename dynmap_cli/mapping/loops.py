@@ -15,6 +15,7 @@ from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
 WINDOWS_M = (1.0, 3.0, 8.0, 12.0)
 _WEAK_SHARE = 0.03
 MAX_ROUNDS = 9
+_RETRY_TURN_RAD = 0.35
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class LoopParams:
     drift_share: float = 0.02
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Loop:
     """One map fitted on another.
 
@@ -80,14 +81,17 @@ class LoopSearch:
     params : LoopParams
     loops : list of Loop
         Accepted so far.
-    rejected : dict of str to int
-        How many tries failed for which reason.
+    rejected : dict of (int, int) to str
+        Why the last try of a pair (fixed, moved) failed.
+    banned : set of (int, int)
+        Pairs that are not tried again.
     """
 
     maps: list[LocalMap]
     params: LoopParams
     loops: list[Loop] = field(default_factory=list)
-    rejected: dict[str, int] = field(default_factory=dict)
+    rejected: dict[tuple[int, int], str] = field(default_factory=dict)
+    banned: set[tuple[int, int]] = field(default_factory=set)
     _tried: dict[tuple[int, int], tuple[float, F64]] = field(default_factory=dict)
     _easel: Easel = field(default_factory=Easel)
 
@@ -100,7 +104,7 @@ class LoopSearch:
             map_from_anchor of the local maps, as the graph has them now.
         window_m : float
         """
-        detours = self._detours(poses)
+        detours = np.asarray(dijkstra(self.ways(poses), directed=False))
         found: list[Loop] = []
         for fixed in range(len(self.maps)):
             guesses = between(poses[fixed], poses[: fixed + 1])
@@ -109,19 +113,34 @@ class LoopSearch:
                 reach = float(np.clip(2.5 * (0.05 + self.params.drift_share * detour), 0.4, window_m))
                 turn = float(np.clip(2.5 * (0.015 + 0.002 * detour), 0.06, 0.7))
                 guess = guesses[moved]
-                if self._was_tried(fixed, moved, reach, guess):
+                if (fixed, moved) in self.banned or self._was_tried(fixed, moved, reach, guess):
                     continue
                 self._tried[fixed, moved] = (reach, guess)
                 loop = self._try(fixed, moved, guess, reach, turn)
                 if loop is not None:
                     found.append(loop)
+        return self._accept(found, poses)
+
+    def retry(self, pairs: list[tuple[int, int]], poses: F64, window_m: float) -> int:
+        """Try given pairs within a window whatever the graph says about it; returns how many loops are new."""
+        found = []
+        closed = {(loop.fixed, loop.moved) for loop in self.loops}
+        for fixed, moved in sorted({(max(pair), min(pair)) for pair in pairs} - self.banned - closed):
+            guess = between(poses[fixed], poses[moved])
+            loop = self._try(fixed, moved, guess, window_m, _RETRY_TURN_RAD)
+            if loop is not None:
+                found.append(loop)
+        return self._accept(found, poses)
+
+    def _accept(self, found: list[Loop], poses: F64) -> int:
+        """Keep loops that hold both ways and have companions."""
         found = self._both_ways(found)
         accepted = []
         for loop in found:
             if self._has_companions(loop, found, poses):
                 accepted.append(loop)
             else:
-                self._reject("no companion")
+                self._reject(loop.fixed, loop.moved, "no companion")
                 self._tried.pop((loop.fixed, loop.moved), None)
         self.loops += accepted
         return len(accepted)
@@ -145,8 +164,8 @@ class LoopSearch:
                     bad.append((fixed, int(moved)))
         return len(bad) / max(n_pairs, 1), bad
 
-    def _reject(self, reason: str) -> None:
-        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+    def _reject(self, fixed: int, moved: int, reason: str) -> None:
+        self.rejected[fixed, moved] = reason
 
     def _was_tried(self, fixed: int, moved: int, reach: float, guess: F64) -> bool:
         """Whether this pair was searched before from nearly the same guess with the same reach."""
@@ -157,8 +176,8 @@ class LoopSearch:
         turn = abs(float(wrap_angle(before[1][2] - guess[2])))
         return reach <= before[0] + 0.2 and shift < 0.25 * before[0] and turn < 0.05
 
-    def _detours(self, poses: F64) -> F64:
-        """Length of the shortest way through the graph between the anchors; loops are short cuts."""
+    def ways(self, poses: F64) -> sparse.csr_matrix:
+        """(n_maps, n_maps) lengths of the steps through the graph of the anchors; loops are short cuts."""
         n_maps = len(self.maps)
         steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) + 0.3 * np.abs(
             wrap_angle(np.diff(poses[:, 2]))
@@ -166,8 +185,7 @@ class LoopSearch:
         first = [*range(n_maps - 1), *(loop.fixed for loop in self.loops)]
         second = [*range(1, n_maps), *(loop.moved for loop in self.loops)]
         lengths = np.concatenate([steps + 0.2, np.full(len(self.loops), 1.0)])
-        graph = sparse.coo_matrix((lengths, (first, second)), shape=(n_maps, n_maps)).tocsr()
-        return np.asarray(dijkstra(graph, directed=False))
+        return sparse.coo_matrix((lengths, (first, second)), shape=(n_maps, n_maps)).tocsr()
 
     def _partners(self, poses: F64, detours: F64, fixed: int, window_m: float) -> list[int]:
         """Earlier maps that may show the same place: near, far through the graph, spread over passes."""
@@ -193,14 +211,14 @@ class LoopSearch:
         best = fits[0]
         reason = self._why_not(best)
         if reason:
-            self._reject(reason)
+            self._reject(fixed, moved, reason)
             return None
         others = [fit for fit in fits[1:] if fit.matched > self.params.margin * best.matched]
         others = [fit for fit in others if _far_apart(fit.pose, best.pose)]
         if others:
             unambiguous = _without_ambiguous_direction(best, others)
             if unambiguous is None:
-                self._reject("not unique")
+                self._reject(fixed, moved, "not unique")
                 return None
             best = unambiguous
         best = _without_weak_direction(best)
@@ -230,7 +248,7 @@ class LoopSearch:
                 back.in_free > self.params.max_in_free
                 or back.matched_of_seen < self.params.min_matched_of_seen
             ):
-                self._reject("points in free space")
+                self._reject(loop.fixed, loop.moved, "points in free space")
             else:
                 kept.append(loop)
         return kept
@@ -240,15 +258,17 @@ class LoopSearch:
         needed = 0 if loop.shift_m < 0.5 else 1 if loop.shift_m < 2.0 else 2
         if needed == 0:
             return True
-        count = 0
-        for other in (*self.loops, *found):
-            if other is loop or abs(other.fixed - loop.fixed) > 4 or abs(other.moved - loop.moved) > 4:
-                continue
-            way = compose(between(poses[loop.fixed], poses[other.fixed]), other.fit.pose)
-            way = compose(way, between(poses[other.moved], poses[loop.moved]))
-            error = between(way, loop.fit.pose)
-            count += bool(np.hypot(error[0], error[1]) < 0.4 and abs(error[2]) < 0.07)
-        return count >= needed
+        return sum(is_companion(loop, other, poses) for other in (*self.loops, *found)) >= needed
+
+
+def is_companion(loop: Loop, other: Loop, poses: F64) -> bool:
+    """Whether another loop joins neighbours of the same maps in the same way."""
+    if other is loop or abs(other.fixed - loop.fixed) > 4 or abs(other.moved - loop.moved) > 4:
+        return False
+    way = compose(between(poses[loop.fixed], poses[other.fixed]), other.fit.pose)
+    way = compose(way, between(poses[other.moved], poses[loop.moved]))
+    error = between(way, loop.fit.pose)
+    return bool(np.hypot(error[0], error[1]) < 0.4 and abs(error[2]) < 0.07)
 
 
 def _far_apart(a: F64, b: F64) -> bool:

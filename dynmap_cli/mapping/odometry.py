@@ -41,6 +41,10 @@ class Calibration:
         The same for the shift.
     reversible : bool
         The odometry has no sign: the robot reverses, the odometry never does.
+    step_noise_m, step_noise_rad : float
+        Standard deviation of shift and turn of a step of corrected odometry against the scans, as measured (robust).
+    n_steps : int
+        Steps this was found from; 0 = too few, the odometry is taken as it is.
     sweep : str
         In which order the beams of a sweep were seen to be made: "first to last", "last to first", or "at once"
         where the scans fit best without correction for the motion during the sweep.
@@ -56,29 +60,23 @@ class Calibration:
     shift_noise_m: float = 0.01
     shift_noise_share: float = 0.2
     reversible: bool = False
+    step_noise_m: float = 0.0
+    step_noise_rad: float = 0.0
+    n_steps: int = 0
     sweep: str = "at once"
 
-    def findings(self) -> list[str]:
-        """Sentences for people: what is unusual about this odometry."""
-        lines = []
-        if abs(self.lag_s) > 0.02:
-            word = "lags the scans" if self.lag_s > 0 else "runs ahead of the scans"
-            lines.append(f"odometry {word} by {abs(self.lag_s):.2f} s")
-        if abs(self.lag_scans) > 0.1:
-            word = "lags the scans" if self.lag_scans > 0 else "runs ahead of the scans"
-            lines.append(f"odometry {word} by {abs(self.lag_scans):.2f} scans")
-        if abs(self.rotation_scale - 1.0) > 0.01 or abs(self.rotation_bias_rad_m) > np.radians(0.5):
-            lines.append(
-                f"odometry turns: scale {self.rotation_scale:.3f}, "
-                f"bias {np.degrees(self.rotation_bias_rad_m):+.1f} deg per metre"
-            )
-        if abs(self.translation_scale - 1.0) > 0.01:
-            lines.append(f"odometry distance: scale {self.translation_scale:.3f}")
-        if self.reversible:
-            lines.append("odometry never runs backwards although the robot does")
-        if self.sweep == "last to first":
-            lines.append("sweeps run from the last beam to the first")
-        return lines
+    def sentence(self) -> str:
+        """All of it in one line for people."""
+        if self.n_steps == 0:
+            return f"odometry taken as it is: less than {_ENOUGH_SCANS} steps in it match well"
+        lag = f"{self.lag_s:+.3f} s" if self.lag_s else f"{self.lag_scans:+.2f} scans"
+        sign = "no sign, " if self.reversible else ""
+        return (
+            f"odometry: lag {lag}, turns x {self.rotation_scale:.3f} "
+            f"{np.degrees(self.rotation_bias_rad_m):+.2f} deg per metre, distance x {self.translation_scale:.3f}, "
+            f"{sign}then {1e3 * self.step_noise_m:.1f} mm and {np.degrees(self.step_noise_rad):.2f} deg "
+            f"from the scans per step ({self.n_steps} steps)"
+        )
 
 
 def corrected_motion(odometry: F64, times_s: F64, calibration: Calibration) -> F64:
@@ -108,7 +106,14 @@ def corrected_motion(odometry: F64, times_s: F64, calibration: Calibration) -> F
 
 
 def calibrate(
-    odometry: F64, times_s: F64, matched: F64, is_good: B1, *, reversible: bool, in_seconds: bool = False
+    odometry: F64,
+    times_s: F64,
+    matched: F64,
+    is_good: B1,
+    is_sure: B1,
+    *,
+    reversible: bool,
+    in_seconds: bool = False,
 ) -> Calibration:
     """Estimate lag, scales, bias and noise from the steps that scan matching found.
 
@@ -121,6 +126,8 @@ def calibrate(
         Poses of the first pass.
     is_good : (n,) bool
         Scans whose match can be trusted.
+    is_sure : (n,) bool
+        Scans whose match fixes the position in both directions; only those tell distances.
     reversible : bool
         Shifts are compared without their sign.
     in_seconds : bool
@@ -145,24 +152,30 @@ def calibrate(
     turns, distances = motion[:, 2], np.linalg.norm(motion[:, :2], axis=1)
     scale, bias = _robust_turns(turns[usable], distances[usable], steps[usable, 2])
     forward = np.abs(steps[:, 0]) if reversible else steps[:, 0]
-    straight = usable & (np.abs(turns) < 0.02) & (distances > 0.02)
+    fixed = usable & is_sure[1:] & is_sure[:-1]
+    straight = fixed & (np.abs(turns) < 0.02) & (distances > 0.02)
     translation = (
         float(np.median(forward[straight] / distances[straight])) if int(straight.sum()) > 50 else 1.0
     )
     residual = np.abs(wrap_angle(steps[:, 2] - scale * turns - bias * distances))
     turning = usable & (np.abs(turns) > 0.02)
     still = usable & (np.abs(turns) <= 0.02)
-    share = 1.48 * float(np.median(residual[turning] / np.abs(turns[turning]))) if turning.any() else 0.1
-    constant = 1.48 * float(np.median(residual[still])) if still.any() else 0.005
+    share = _spread(residual[turning] / np.abs(turns[turning])) if turning.any() else 0.1
+    constant = _spread(residual[still]) if still.any() else 0.005
+    translation = translation if 0.5 < translation < 2.0 else 1.0
+    travelled = np.linalg.norm(steps[:, :2], axis=1)
     return Calibration(
         lag_scans=lag_scans,
         lag_s=lag_s,
         rotation_scale=scale,
         rotation_bias_rad_m=bias,
-        translation_scale=translation if 0.5 < translation < 2.0 else 1.0,
+        translation_scale=translation,
         turn_noise_rad=float(np.clip(constant, 0.002, 0.02)),
         turn_noise_share=float(np.clip(share, 0.05, 0.4)),
         reversible=reversible,
+        step_noise_m=_spread(travelled[fixed] - translation * distances[fixed]),
+        step_noise_rad=_spread(residual[usable]),
+        n_steps=int(usable.sum()),
     )
 
 
@@ -183,6 +196,11 @@ def lacks_sign(odometry: F64, matched: F64, is_sure: B1) -> bool:
     # Robots reverse for a while; a single step is more likely a wrong match.
     in_a_row = backwards[:-1] & backwards[1:]
     return int(in_a_row.sum()) >= _ENOUGH_BACKWARDS
+
+
+def _spread(residual: F64) -> float:
+    """Robust standard deviation around zero, 0 without values."""
+    return 1.48 * float(np.median(np.abs(residual))) if residual.size else 0.0
 
 
 def _shifted(odometry: F64, times_s: F64, lag_scans: float, lag_s: float) -> F64:

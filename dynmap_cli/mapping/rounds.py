@@ -19,6 +19,7 @@ from dynmap_cli.mapping.back_end import Graph, close_loops, refine_graph, spread
 from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register, sweeps_of
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
+from dynmap_cli.mapping.wheel_faults import WheelFault, find_wheel_faults, suspicious_stops, without_steps
 from dynmap_cli.progress import Tick, progress
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _CALIBRATION_SCANS = 4000
 _FIRST_PASS = Calibration(
     turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
 )
-_GOOD_SHARE, _CLEAR_GAIN = 0.7, 0.003
+_GOOD_SHARE, _CLEAR_GAIN, _BETTER_SHARE = 0.7, 0.003, 0.05
 _SWEEP_SCANS = 1000
 _FEW_DYNAMIC = 0.02
 _SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
@@ -75,8 +76,10 @@ class FilterMap:
         Of the odometry.
     graph : Graph or None
         None where the recorded poses were taken as they are.
-    lost_scans : int
-        Scans that fitted nowhere in the last registration.
+    front : Registered or None
+        The last registration; None where the recorded poses were taken as they are.
+    wheel_faults : tuple of WheelFault
+        Where the odometry was not believed.
     """
 
     trajectory: Trajectory
@@ -85,7 +88,8 @@ class FilterMap:
     unfiltered: OccupancyGrid
     calibration: Calibration
     graph: Graph | None
-    lost_scans: int
+    front: Registered | None
+    wheel_faults: tuple[WheelFault, ...]
 
 
 def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> FilterMap:
@@ -138,7 +142,8 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         unfiltered,
         registrar.calibration,
         registrar.graph,
-        registrar.lost_scans,
+        registrar.front,
+        registrar.wheel_faults,
     )
 
 
@@ -151,19 +156,19 @@ class Registrar:
         self._params = FrontEndParams()
         self.calibration = Calibration()
         self.graph: Graph | None = None
-        self.lost_scans = 0
+        self.front: Registered | None = None
+        self.wheel_faults: tuple[WheelFault, ...] = ()
         self._is_calibrated = False
-        self._front: Registered | None = None
 
     def poses(self, weights: F32 | None, label: str) -> F64:
         """(n_scans, 3) poses in the order of the log, with the beams weighted by e (Eq. 1.11)."""
         if self._settings.poses == "recorded":
             return np.array(self.log.odometry)
         sweeps = sweeps_of(self.log, weights)
-        if self._front is not None and self.graph is not None and _few_are_dynamic(weights):
+        if self.front is not None and self.graph is not None and _few_are_dynamic(weights):
             # Hardly anything was filtered: the registration stands, only the poses are fitted again.
-            self.graph = refine_graph(sweeps, self._rays, self._front, self.graph)
-            return self._in_log_order(spread_to_scans(self._front, self.graph))
+            self.graph = refine_graph(sweeps, self._rays, self.front, self.graph)
+            return self._in_log_order(spread_to_scans(self.front, self.graph))
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
             self.log = replace(self.log, beam_interval_s=self._rays.beam_interval_s)
@@ -171,13 +176,35 @@ class Registrar:
         motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
             front = self._register(sweeps, motion, self.calibration, tick)
-        self.lost_scans = int(front.is_lost.sum())
-        self._front = front
+        front = self._without_wrong_wheels(sweeps, motion, front)
+        reversible = self.calibration.reversible
+        self.wheel_faults = tuple(
+            find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
+        )
+        self.front = front
         self.graph = close_loops(sweeps, self._rays, front, LoopParams(), _note)
         if weights is not None or self._settings.max_rounds == 1:
             # In the first of several rounds the next one fits the poses again.
             self.graph = refine_graph(sweeps, self._rays, front, self.graph)
         return self._in_log_order(spread_to_scans(front, self.graph))
+
+    def _without_wrong_wheels(self, sweeps: Sweeps, motion: F64, front: Registered) -> Registered:
+        """Register again without the odometry where it seems wrong and the scans then fit clearly better."""
+        reversible = self.calibration.reversible
+        faults = find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
+        unsure = [fault.steps for fault in faults if fault.steps]
+        unsure += suspicious_stops(motion, sweeps.times_s, front.shares)
+        if not unsure:
+            return front
+        free = self._register(sweeps, without_steps(motion, unsure), self.calibration)
+        wrong = [
+            steps for steps in unsure if (free.shares - front.shares)[list(steps)].mean() > _BETTER_SHARE
+        ]
+        if not wrong:
+            return front
+        if len(wrong) == len(unsure):
+            return free
+        return self._register(sweeps, without_steps(motion, wrong), self.calibration)
 
     def _in_log_order(self, poses: F64) -> F64:
         """Sort poses from the order in which the sweeps were made into that of the log."""
@@ -195,7 +222,7 @@ class Registrar:
             return Calibration(sweep=sweep)
         first_pass = self._register(part, motion, _FIRST_PASS)
         is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
-        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass))
+        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & fixes_position(first_pass))
         # Steps from one laser to another show how well their poses agree, not how the robot moved.
         laser = self._rays.laser_index[part.geometry_index]
         main = laser == np.bincount(laser).argmax()
@@ -204,6 +231,7 @@ class Registrar:
             part.times_s[main],
             first_pass.poses[main],
             is_good[main],
+            fixes_position(first_pass)[main],
             reversible=reversible,
             in_seconds=not main.all(),
         )
@@ -238,7 +266,7 @@ def _few_are_dynamic(weights: F32 | None) -> bool:
     return int((weights < 0.5).sum()) < _FEW_DYNAMIC * int(ended.sum())
 
 
-def _fixes_position(registered: Registered) -> B1:
+def fixes_position(registered: Registered) -> B1:
     """(n_scans,) where the match knows both directions; along a bare corridor it knows one."""
     spread = np.linalg.eigvalsh(registered.information[:, :2, :2])
     return np.asarray(spread[:, 0] > 0.05 * np.maximum(spread[:, 1], 1e-9))

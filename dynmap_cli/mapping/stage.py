@@ -12,15 +12,22 @@ from dynmap_cli.counting.em import occupancy
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.counting_map import write_beams, write_counting_map
-from dynmap_cli.files.g2o import write_g2o
 from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping.back_end import Graph
+from dynmap_cli.mapping.front_end import Registered
+from dynmap_cli.mapping.graph_files import rejected_by_reason, write_graph
 from dynmap_cli.mapping.rounds import FilterMap, Round, build_filter_map
+from dynmap_cli.mapping.warnings import (
+    warn_of_contradictions,
+    warn_of_corridors,
+    warn_of_lost_scans,
+    warn_of_missing_loops,
+    warn_of_odometry,
+    warn_of_wheels,
+)
 from dynmap_cli.stage import Stage, StageContext
-
-_WRONG_MAP = 0.06
 
 
 def run(context: StageContext) -> dict[str, Any]:
@@ -45,7 +52,7 @@ def run(context: StageContext) -> dict[str, Any]:
     for number in sorted({1, min(2, len(result.rounds)), len(result.rounds)}):
         write_map(out, f"round_{number}", result.rounds[number - 1].occupancy)
     if result.graph is not None:
-        _write_graph(out / "trajectory.g2o", result.graph)
+        write_graph(out, log, result.graph)
     return _summary(log, result)
 
 
@@ -58,20 +65,6 @@ def _write_rounds(path: Path, rounds: tuple[Round, ...]) -> None:
             f"{number},{one.log_likelihood:.6f},{one.dynamic_share:.6f},{one.changed_labels:.6f},{shift}\n"
         )
     path.write_text("".join(lines), encoding="ascii")
-
-
-def _write_graph(path: Path, graph: Graph) -> None:
-    """Write the graph with scan numbers as names of the nodes."""
-    edges = graph.edges
-    write_g2o(
-        path,
-        graph.keys,
-        graph.poses,
-        graph.keys[edges.first],
-        graph.keys[edges.second],
-        edges.measured,
-        edges.information * graph.weights[:, None, None],
-    )
 
 
 def _path_length_m(log: ScanLog, result: FilterMap) -> float:
@@ -92,31 +85,54 @@ def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
         "dynamic_share": round(filtered.dynamic_share, 5),
         "log_likelihood": round(filtered.log_likelihood, 3),
         "size_m": [round(frame.cols * frame.resolution_m, 2), round(frame.rows * frame.resolution_m, 2)],
-        "lost_scans": result.lost_scans,
-        "calibration": {
-            key: round(value, 6) if isinstance(value, float) else value
-            for key, value in asdict(result.calibration).items()
-        },
+        "calibration": _rounded(asdict(result.calibration)),
     }
     lines = [
         f"{log.n_scans} scans along {summary['path_m']:.1f} m, map of "
         f"{summary['size_m'][0]:.1f} m x {summary['size_m'][1]:.1f} m",
         f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves",
-        *result.calibration.findings(),
     ]
-    if result.graph is not None:
-        summary["loops"] = len(result.graph.loops)
-        summary["rejected_loops"] = result.graph.rejected
-        summary["contradictions"] = round(result.graph.contradictions, 4)
-        lines.append(f"{len(result.graph.loops)} loops closed")
-        if result.graph.contradictions > _WRONG_MAP:
-            lines.append(
-                f"warning: {100 * result.graph.contradictions:.0f} % of the places seen twice contradict each other "
-                "in free space; the map is probably wrong somewhere"
-            )
-    if result.lost_scans:
-        lines.append(f"warning: {result.lost_scans} scans fitted nowhere; their poses come from the odometry")
+    if result.front is not None and result.graph is not None:
+        found, said = _registration_summary(log, result.front, result.graph, result)
+        summary |= found
+        lines += said
     return {**summary, "lines": lines}
+
+
+def _registration_summary(
+    log: ScanLog, front: Registered, graph: Graph, result: FilterMap
+) -> tuple[dict[str, Any], list[str]]:
+    """What became of odometry, scans and loops."""
+    rejected, n_lost = rejected_by_reason(graph), int(front.is_lost.sum())
+    found = {
+        "lost_scans": n_lost,
+        "loops": len(graph.loops),
+        "rejected_loops": rejected,
+        "contradictions": round(graph.contradictions, 4),
+        "wheel_faults": [_rounded(asdict(fault)) for fault in result.wheel_faults],
+    }
+    lines = [result.calibration.sentence()] if log.has_odometry.any() else []
+    if result.calibration.sweep == "last to first":
+        lines.append("sweeps run from the last beam to the first")
+    reasons = ", ".join(f"{count} {reason}" for reason, count in rejected.items())
+    lines.append(
+        f"{len(graph.loops)} loops closed, {len(graph.rejected)} rejected"
+        + (f": {reasons}" if reasons else "")
+    )
+    warnings = [
+        *warn_of_odometry(result.calibration),
+        *warn_of_wheels(result.wheel_faults),
+        *warn_of_corridors(front.poses, front.information),
+        *warn_of_missing_loops(graph.poses, len(graph.loops)),
+        *warn_of_lost_scans(n_lost, log.n_scans),
+        *warn_of_contradictions(graph.contradictions),
+    ]
+    return found, lines + [f"warning: {sentence}" for sentence in warnings]
+
+
+def _rounded(values: dict[str, Any]) -> dict[str, Any]:
+    """The same with at most six decimals."""
+    return {key: round(value, 6) if isinstance(value, float) else value for key, value in values.items()}
 
 
 STAGE = Stage(
@@ -131,6 +147,8 @@ STAGE = Stage(
         "map/reflectance.npz",
         "map/trajectory.tum",
         "map/trajectory.g2o",
+        "map/edges.csv",
+        "map/loops.csv",
         "map/beams.npz",
         "map/em.csv",
         "map/unfiltered.pgm",

@@ -49,18 +49,19 @@ GOOD = np.ones(1500, dtype=bool)
 
 def test_perfect_odometry_needs_no_correction():
     poses, times = drive()
-    found = calibrate(odometry_of(poses), times, poses, GOOD, reversible=False)
+    found = calibrate(odometry_of(poses), times, poses, GOOD, GOOD, reversible=False)
     assert abs(found.lag_scans) < 0.05
     assert abs(found.rotation_scale - 1) < 0.01
     assert abs(found.rotation_bias_rad_m) < 0.005
-    assert found.findings() == []
+    assert found.n_steps > 1000
+    assert found.step_noise_m < 0.001
 
 
 @pytest.mark.parametrize("lag", [-1.0, -0.46, 0.43, 1.4])
 def test_a_lag_is_found_and_taken_out(lag):
     poses, times = drive()
     odometry = delayed(odometry_of(poses), lag)
-    found = calibrate(odometry, times, poses, GOOD, reversible=False)
+    found = calibrate(odometry, times, poses, GOOD, GOOD, reversible=False)
     assert abs(found.lag_scans + found.lag_s / 0.2 - lag) < 0.1
     motion = corrected_motion(odometry, times, found)[5:-5]
     true = between(poses[4:-6], poses[5:-5])
@@ -73,16 +74,33 @@ def test_a_lag_is_found_and_taken_out(lag):
 @pytest.mark.parametrize(("scale", "bias"), [(1.05, 0.0), (0.95, 0.035), (1.0, -0.05)])
 def test_scale_and_bias_of_turns_are_found(scale, bias):
     poses, times = drive()
-    found = calibrate(odometry_of(poses, scale, bias), times, poses, GOOD, reversible=False)
+    found = calibrate(odometry_of(poses, scale, bias), times, poses, GOOD, GOOD, reversible=False)
     assert abs(found.rotation_scale - scale) < 0.02
     assert abs(found.rotation_bias_rad_m - bias) < 0.006
-    assert any("turns" in line for line in found.findings())
+    assert f"turns x {found.rotation_scale:.3f}" in found.sentence()
 
 
 def test_scale_of_the_distance_is_found():
     poses, times = drive()
-    found = calibrate(odometry_of(poses, shift=1.04), times, poses, GOOD, reversible=False)
+    found = calibrate(odometry_of(poses, shift=1.04), times, poses, GOOD, GOOD, reversible=False)
     assert abs(found.translation_scale - 1.04) < 0.01
+
+
+def test_distances_are_not_told_where_the_match_does_not_know_them():
+    poses, times = drive()
+    found = calibrate(odometry_of(poses, shift=1.04), times, poses, GOOD, ~GOOD, reversible=False)
+    assert found.translation_scale == 1.0
+
+
+def test_noise_of_steps_is_measured():
+    poses, times = drive()
+    noisy, rng = odometry_of(poses), np.random.default_rng(3)
+    steps = between(noisy[:-1], noisy[1:]) + rng.normal(0, 1, (1499, 3)) * [0.006, 0.0, 0.004]
+    for k, step in enumerate(steps):
+        noisy[k + 1] = compose(noisy[k], step)
+    found = calibrate(noisy, times, poses, GOOD, GOOD, reversible=False)
+    assert 0.004 < found.step_noise_m < 0.008
+    assert 0.002 < found.step_noise_rad < 0.006
 
 
 def test_odometry_without_sign_is_told_from_one_that_has_it():

@@ -37,6 +37,7 @@ def plain_normal(cells, key, cell_m, radius=3):
 def plain_point_to_line(points, weights, pose, radius, sigma, cell_m, cells):
     """Normal matrix, gradient and matched share of the Geman-McClure point-to-line cost, point by point."""
     normal_matrix, gradient = np.zeros((3, 3)), np.zeros(3)
+    lone_matrix, lone_gradient = np.zeros((3, 3)), np.zeros(3)
     matched = 0.0
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for p, w in zip(points, weights, strict=True):
@@ -59,8 +60,8 @@ def plain_point_to_line(points, weights, pose, radius, sigma, cell_m, cells):
         if normal is None:
             share = 1 / (1 + (distance / sigma) ** 2) ** 2
             jac = np.column_stack([np.eye(2), perpendicular])
-            normal_matrix += 0.25 * w * share * jac.T @ jac
-            gradient += 0.25 * w * share * jac.T @ (q - centroid)
+            lone_matrix += 0.25 * w * share * jac.T @ jac
+            lone_gradient += 0.25 * w * share * jac.T @ (q - centroid)
         else:
             r = normal @ (q - centroid)
             share = 1 / (1 + (r / sigma) ** 2) ** 2
@@ -68,7 +69,14 @@ def plain_point_to_line(points, weights, pose, radius, sigma, cell_m, cells):
             normal_matrix += w * share * np.outer(jac, jac)
             gradient += w * share * jac * r
         matched += w * share
-    return normal_matrix, gradient, matched / sum(weights)
+    trust = 1 - plain_bareness(normal_matrix)
+    return normal_matrix + trust * lone_matrix, gradient + trust * lone_gradient, matched / sum(weights)
+
+
+def plain_bareness(normal_matrix):
+    """0 where both directions of a position are known, 1 where one is not, by its eigenvalues."""
+    smaller, larger = np.linalg.eigvalsh(normal_matrix[:2, :2])
+    return float(np.clip((0.04 - smaller / max(larger, 1e-12)) / (0.04 - 0.01), 0, 1))
 
 
 def plain_field(cells):

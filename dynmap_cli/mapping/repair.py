@@ -1,0 +1,132 @@
+"""Repair of a wrong map: loops that explain contradictions in free space are taken out, others are sought."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, is_companion
+from dynmap_cli.mapping.warnings import WRONG_MAP
+
+_ATTEMPTS, _SUSPECTS = 6, 4
+
+Solve = Callable[[Sequence[Loop], F64], F64]
+"""Poses of the anchors (n_maps, 3) that loops lead to, from a start."""
+
+
+def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], None]) -> F64:
+    """Make contradictions fewer; a map that does not contradict itself is left as it is.
+
+    Agreement among loops is no proof of a right map, but contradiction in free space is one of a wrong map. Either a
+    loop is missing: contradicting places are searched again in growing windows. Or a loop is wrong: the groups of
+    loops on the ways between contradicting places are left out in turn. What makes the contradictions fewer is kept.
+
+    Parameters
+    ----------
+    search : LoopSearch
+        Its loops are changed.
+    poses : (n_maps, 3) float64
+    solve : callable
+    note : callable
+        Told what was changed.
+
+    Returns
+    -------
+    (n_maps, 3) float64
+    """
+    share, bad = search.contradictions(poses)
+    for _ in range(_ATTEMPTS):
+        if share <= WRONG_MAP:
+            break
+        before = share
+        poses, share, bad = _with_more(search, poses, share, bad, solve)
+        if share > WRONG_MAP:
+            poses, share, bad = _with_fewer(search, poses, share, bad, solve)
+        if share >= before:
+            break
+        note(f"repair: contradictions fell from {100 * before:.0f} to {100 * share:.0f} %")
+    return poses
+
+
+_State = tuple[F64, float, list[tuple[int, int]]]
+
+
+def _with_more(
+    search: LoopSearch, poses: F64, share: float, bad: list[tuple[int, int]], solve: Solve
+) -> _State:
+    """Search the contradicting pairs in growing windows."""
+    for window_m in WINDOWS_M[1:]:
+        old = list(search.loops)
+        if search.retry(bad, poses, window_m) == 0:
+            continue
+        trial = solve(search.loops, poses)
+        trial_share, trial_bad = search.contradictions(trial)
+        if trial_share < share:
+            return trial, trial_share, trial_bad
+        search.loops = old
+    return poses, share, bad
+
+
+def _with_fewer(
+    search: LoopSearch, poses: F64, share: float, bad: list[tuple[int, int]], solve: Solve
+) -> _State:
+    """Leave out the group of loops without which the contradictions are fewest."""
+    best, best_out = (poses, share, bad), []
+    for group in _suspects(search, poses, bad)[:_SUSPECTS]:
+        kept = [loop for loop in search.loops if loop not in group]
+        trial = solve(kept, poses)
+        trial_share, trial_bad = search.contradictions(trial)
+        if trial_share < best[1]:
+            best, best_out = (trial, trial_share, trial_bad), group
+    for loop in best_out:
+        search.loops.remove(loop)
+        search.banned.add((loop.fixed, loop.moved))
+        search.rejected[loop.fixed, loop.moved] = "contradicts free space"
+    return best
+
+
+def _suspects(search: LoopSearch, poses: F64, bad: list[tuple[int, int]]) -> list[list[Loop]]:
+    """Groups of loops that say the same, those on most of the ways between contradicting places first."""
+    blame = _blame(search, poses, bad)
+    groups: list[list[Loop]] = []
+    weights: list[int] = []
+    for loop in sorted(
+        search.loops, key=lambda loop: (-blame[loop.fixed, loop.moved], loop.fixed, loop.moved)
+    ):
+        if blame[loop.fixed, loop.moved] == 0 or any(loop in group for group in groups):
+            continue
+        group = _group(loop, search.loops, poses)
+        groups.append(group)
+        weights.append(sum(blame[one.fixed, one.moved] for one in group))
+    return [groups[k] for k in np.argsort([-weight for weight in weights], kind="stable")]
+
+
+def _group(seed: Loop, loops: Sequence[Loop], poses: F64) -> list[Loop]:
+    """The loops that are joined to one by companions."""
+    group, ends = [seed], [seed]
+    while ends:
+        end = ends.pop()
+        new = [loop for loop in loops if loop not in group and is_companion(end, loop, poses)]
+        group += new
+        ends += new
+    return group
+
+
+def _blame(search: LoopSearch, poses: F64, bad: list[tuple[int, int]]) -> Counter[tuple[int, int]]:
+    """On how many of the shortest ways between contradicting places each loop lies."""
+    _, before = dijkstra(search.ways(poses), directed=False, return_predecessors=True)
+    loops = {(loop.fixed, loop.moved) for loop in search.loops}
+    blame: Counter[tuple[int, int]] = Counter()
+    for start, end in bad:
+        here = end
+        while here != start and before[start, here] >= 0:
+            there = int(before[start, here])
+            pair = (max(here, there), min(here, there))
+            if pair in loops:
+                blame[pair] += 1
+            here = there
+    return blame

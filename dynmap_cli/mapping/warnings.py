@@ -1,0 +1,121 @@
+"""What the user has to know about a map before trusting it: one sentence each, empty where all is well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.mapping.odometry import Calibration
+from dynmap_cli.mapping.wheel_faults import WheelFault
+
+WRONG_MAP = 0.06
+"""Share of contradicting places above which a map is wrong; right maps stay under 0.024."""
+_LAG_S, _LAG_SCANS = 0.05, 0.3
+_MOST_FAULTS = 5
+_BARE, _CORRIDOR_M = 0.006, 3.0
+_RETURN_M, _WAY_M, _SPACING_M = 1.0, 20.0, 0.5
+
+
+def warn_of_odometry(calibration: Calibration) -> list[str]:
+    """Late or early stamps, and a missing sign."""
+    lines = []
+    for lag, least, unit in (
+        (calibration.lag_s, _LAG_S, "s"),
+        (calibration.lag_scans, _LAG_SCANS, "scans"),
+    ):
+        if abs(lag) > least:
+            word = "lags the scans" if lag > 0 else "runs ahead of the scans"
+            lines.append(f"odometry {word} by {abs(lag):.2f} {unit}; taken out")
+    if calibration.reversible:
+        lines.append("odometry never runs backwards although the robot does; directions come from the scans")
+    return lines
+
+
+def warn_of_wheels(faults: Sequence[WheelFault]) -> list[str]:
+    """Where odometry stood still or slipped; at most a few, the others are counted."""
+    lines = [_fault_sentence(fault) for fault in faults[:_MOST_FAULTS]]
+    if len(faults) > _MOST_FAULTS:
+        lines.append(
+            f"odometry was wrong {len(faults) - _MOST_FAULTS} more times, see wheel_faults in the manifest"
+        )
+    return lines
+
+
+def _fault_sentence(fault: WheelFault) -> str:
+    when = f"from t = {fault.start_s:.1f} s to {fault.end_s:.1f} s"
+    moved = f"{fault.scans_m:.1f} m and {np.degrees(fault.scans_rad):+.0f} deg"
+    if fault.is_frozen:
+        return f"odometry stood still {when} while the robot moved {moved}"
+    counted = f"{fault.odometry_m:.1f} m and {np.degrees(fault.odometry_rad):+.0f} deg"
+    what = "wheels slipped" if fault.odometry_m > fault.scans_m + 0.1 else "odometry was wrong"
+    return f"{what} {when}: counted {counted}, by the scans the robot moved {moved}"
+
+
+def warn_of_corridors(poses: F64, information: F64) -> list[str]:
+    """Length of the way along which the scans say nothing about the distance travelled.
+
+    Parameters
+    ----------
+    poses : (n_scans, 3) float64
+        In the order of the sweeps.
+    information : (n_scans, 3, 3) float64
+        What the match knows about each pose, without what noise feigns, map frame.
+    """
+    values, vectors = np.linalg.eigh(information[:, :2, :2])
+    is_bare = (values[:, 0] < _BARE * values[:, 1]) & (values[:, 1] > 0.0)
+    steps = np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2])
+    along = np.abs(np.einsum("ni,ni->n", steps, vectors[:, :, 0])) * is_bare
+    edges = np.diff(np.concatenate([[0], is_bare.astype(np.int8), [0]]))
+    stretches = [
+        float(along[first:last].sum())
+        for first, last in zip(np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0], strict=True)
+    ]
+    total = sum(length for length in stretches if length >= _CORRIDOR_M)
+    if total == 0.0:
+        return []
+    return [
+        f"corridor: {total:.0f} m with no information along it; how far the robot went comes from the odometry"
+    ]
+
+
+def warn_of_missing_loops(poses: F64, n_loops: int) -> list[str]:
+    """Whether the path returns to where it was before, and no loop was found.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+        Of the key scans, in the order of the sweeps.
+    n_loops : int
+    """
+    if n_loops:
+        return []
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1))])
+    kept = np.unique(
+        np.searchsorted(way, np.arange(0.0, way[-1] + _SPACING_M, _SPACING_M)).clip(0, way.size - 1)
+    )
+    pairs = cKDTree(poses[kept, :2]).query_pairs(_RETURN_M, output_type="ndarray")
+    if not bool((np.abs(way[kept[pairs[:, 0]]] - way[kept[pairs[:, 1]]]) > _WAY_M).any()):
+        return []
+    return [
+        f"no loop found although the path returns within {_RETURN_M:.0f} m of itself; the map may be double there"
+    ]
+
+
+def warn_of_lost_scans(n_lost: int, n_scans: int) -> list[str]:
+    """Scans that fitted nowhere."""
+    if n_lost == 0:
+        return []
+    return [f"{n_lost} of {n_scans} scans fitted nowhere; their poses come from the odometry"]
+
+
+def warn_of_contradictions(share: float) -> list[str]:
+    """Places that were seen twice and cannot both be right."""
+    if share <= WRONG_MAP:
+        return []
+    return [
+        f"{100 * share:.0f} % of the places seen twice contradict each other in free space; the map is probably "
+        "wrong somewhere, see loops.csv"
+    ]
