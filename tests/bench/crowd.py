@@ -26,7 +26,7 @@ def compare(bench: Bench, seed: int) -> Compared:
     name = f"crowd-seed-{seed}"
     recording = bench.recorded("crowd", name, seed)
     truth = read_tum(truth_folder(recording) / "trajectory.tum")
-    filtered = mapped(bench, name, recording, Variant("default"))
+    filtered = mapped(bench, name, recording, Variant("as recorded"))
     plain = mapped(bench, name, recording, Variant("no filter", filtered=False))
     return Compared(filtered, ate_m(filtered.trajectory, truth), ate_m(plain.trajectory, truth))
 

@@ -17,7 +17,7 @@ def measure(bench: Bench, log: RealLog) -> tuple[float, Mapped]:
     if not recording.exists():
         raise AbsentError
     _, ingest_s = ingested(bench, log.name, recording)
-    return ingest_s, mapped(bench, log.name, recording, Variant("default"))
+    return ingest_s, mapped(bench, log.name, recording, Variant("as recorded"))
 
 
 def tables(bench: Bench) -> list[Table]:

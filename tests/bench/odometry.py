@@ -92,7 +92,7 @@ def tables(bench: Bench) -> list[Table]:
 
 def _map(bench: Bench, name: str, what: str) -> Outcome:
     recording, reference = SOURCES[name](bench)
-    variant = Variant(what, perturbation=what, filtered=False)
+    variant = Variant(f"{what}, all beams", perturbation=what, filtered=False)
     outcome = mapped(bench, name.replace(", ", "-"), recording, variant)
     return Outcome(ate_m(outcome.trajectory, reference), outcome.found)
 

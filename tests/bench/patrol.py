@@ -78,7 +78,7 @@ def patrolled(bench: Bench, hours: int) -> Patrolled:
     name = f"patrol-{laps}-laps"
     recording = bench.simulated(name, {**_SCENARIO, "robot": {"repeat": laps, "speed_mps": 0.6}})
     _, ingest_s = ingested(bench, name, recording)
-    outcome = mapped(bench, name, recording, Variant("default"))
+    outcome = mapped(bench, name, recording, Variant("as recorded"))
     return Patrolled(read_tum(truth_folder(recording) / "trajectory.tum"), outcome, ingest_s)
 
 
