@@ -129,11 +129,14 @@ def set_up_logging(verbose: int, *, quiet: bool) -> None:
 
 
 def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -> None:
-    """Write the result of a verb to stdout: JSON for programs, lines for people."""
+    """Write the result of a verb to stdout: JSON for programs, lines for people; warnings go to stderr."""
+    warnings = [line for line in lines if _WARNING.match(line)]
     if as_json:
         echo(json.dumps(_as_json(summary), indent=2, sort_keys=True, allow_nan=False) + "\n")
     else:
-        echo("".join(f"{line}\n" for line in lines))
+        echo("".join(f"{line}\n" for line in lines if line not in warnings))
+    for line in warnings:
+        click.echo(line, err=True)
 
 
 def echo(text: str) -> None:
