@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import F32, F64, I64
-from dynmap_cli.counting.counts import end_cells
+from dynmap_cli.counting.counts import end_cells, only_returns
 from dynmap_cli.counting.em import FilteredMap, count_with, expectation_of, expected_log_likelihood
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells, surface_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame
@@ -104,7 +104,8 @@ def filter_by_looks(
     """Lower e where the end cell was seen free in at least three looks and occupied in few.
 
     The share of looks that saw the place occupied takes the part that the hit share has for beams (Eq. 1.10 at its
-    fixed point). Free looks rule out glass and fences, so the prior may be lower than that of beams.
+    fixed point). Free looks rule out glass and fences, so the prior may be lower than that of beams. Beams without
+    return say nothing here: a dark wall returns none.
 
     Parameters
     ----------
@@ -121,7 +122,8 @@ def filter_by_looks(
         As given to the filter.
     """
     counts = filtered.counting_map
-    looks = count_looks(log, poses, counts.frame, look_s, EvidenceParams(max_range_m=usable_range_m))
+    evidence = EvidenceParams(max_range_m=usable_range_m)
+    looks = count_looks(only_returns(log), poses, counts.frame, look_s, evidence)
     by_looks = expectation_of(_occupied_share(looks), look_prior)
     hits = counts.static_hits + counts.dynamic_hits
     by_beams = np.divide(counts.static_hits, hits, out=np.ones_like(hits), where=hits > 0)

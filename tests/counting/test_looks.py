@@ -1,5 +1,7 @@
 """Looks: who stands for a while is told from glass, which reflects a part of the beams all the time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -52,6 +54,14 @@ def test_glass_stays():
     is_there = np.random.default_rng(2).random((N_SCANS, 9)) < 0.3
     by_beams, by_looks = filtered(scene(is_there))
     assert (by_looks.static_probability > 0.5).all()
+    np.testing.assert_array_equal(by_looks.static_probability, by_beams.static_probability)
+
+
+def test_a_wall_that_stops_to_answer_is_not_seen_free():
+    is_there = standing(12, 22)
+    log = scene(is_there)
+    ranges = np.where(is_there, log.ranges_m, np.float32(np.inf))
+    by_beams, by_looks = filtered(replace(log, ranges_m=ranges))
     np.testing.assert_array_equal(by_looks.static_probability, by_beams.static_probability)
 
 
