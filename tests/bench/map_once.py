@@ -21,10 +21,8 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping import rounds
-from dynmap_cli.mapping.back_end import Graph
-from dynmap_cli.mapping.front_end import FrontEndParams, Registered
+from dynmap_cli.mapping.front_end import FrontEndParams
 from dynmap_cli.mapping.loops import LoopParams
-from dynmap_cli.mapping.odometry import Calibration
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.mapping.warnings import warn_of_odometry
 from tests.bench.perturbations import PERTURBATIONS
@@ -92,7 +90,7 @@ def _map(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) -> di
     result = clock.timed(REST, rounds.build_filter_map)(log, settings, threads=1)
     write_tum(out_dir / "trajectory.tum", result.trajectory)
     shares = [one.dynamic_share for one in result.rounds]
-    return {"dynamic_share": shares, **_registration(result.graph, result.calibration, result.front)}
+    return {"dynamic_share": shares, **_registration(result)}
 
 
 def _register(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) -> dict[str, Any]:
@@ -104,17 +102,19 @@ def _register(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) 
 
     registrar, found = clock.timed(REST, poses)()
     write_tum(out_dir / "trajectory.tum", Trajectory(log.stamps_ns, found))
-    return _registration(registrar.graph, registrar.calibration, registrar.front)
+    return _registration(registrar)
 
 
-def _registration(graph: Graph | None, calibration: Calibration, front: Registered | None) -> dict[str, Any]:
+def _registration(result: rounds.FilterMap | rounds.Registrar) -> dict[str, Any]:
     """What registration says of itself."""
+    graph, calibration = result.graph, result.calibration
     return {
         "keys": graph.keys.size if graph else 0,
         "loops": len(graph.loops) if graph else 0,
         "contradictions": graph.contradictions if graph else 0.0,
-        "lost_scans": int(front.is_lost.sum()) if front else 0,
+        "lost_scans": int(result.front.is_lost.sum()) if result.front else 0,
         "findings": [calibration.sentence(), *warn_of_odometry(calibration)],
+        "wheel_faults": len(result.wheel_faults),
     }
 
 
