@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
@@ -13,6 +15,22 @@ R = TypeVar("R")
 
 # Many processes that share one cache can crash; DYNMAP_NUMBA_CACHE=0 keeps each to itself.
 CACHE = os.environ.get("DYNMAP_NUMBA_CACHE", "1") == "1"
+
+
+def _keep_apart_by_source() -> None:
+    """Give each state of this folder a cache of its own.
+
+    numba sees when the file of a kernel changed, but not when one of the kernels did that it calls from
+    another file; it would run on with the old code.
+    """
+    folder = Path(__file__).parent
+    sources = b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))
+    config: Any = numba.config
+    base = Path(config.CACHE_DIR or folder / "__pycache__")
+    config.CACHE_DIR = str(base / hashlib.sha256(sources).hexdigest()[:16])
+
+
+_keep_apart_by_source()
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:

@@ -171,7 +171,8 @@ class Registrar:
             return self._in_log_order(spread_to_scans(self.front, self.graph))
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
-            self.log = replace(self.log, beam_interval_s=self._rays.beam_interval_s)
+            # The log makes its columns read-only; the kernels keep one signature with a copy.
+            self.log = replace(self.log, beam_interval_s=self._rays.beam_interval_s.copy())
             self._is_calibrated = True
         motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
