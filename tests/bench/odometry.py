@@ -76,12 +76,12 @@ def tables(bench: Bench) -> list[Table]:
     table = Table(
         "Odometry made worse",
         [
-            "The odometry of a real and of a simulated recording, changed after ingest; scans as they are. ATE, m, "
-            "after alignment, against reference poses (CSAIL, not surveyed, some 0.05 m off themselves) and against the "
-            "truth; one registration of all beams. *Moved*: root mean square distance of the path from the one as "
-            "recorded. Bound: 1.2 times the error as recorded, 1.1 times without odometry; what "
-            "misses it is **bold**. *Faults*: stretches in which the odometry was found to stand "
-            "still, slip or be wrong. *Said* is what else was found out about it.",
+            "The odometry of a real and of a simulated recording, changed after ingest; scans as they are. ATE in m "
+            "after alignment, against reference poses (CSAIL, not surveyed, some 0.05 m off themselves) and against "
+            "the truth; one registration of all beams. *Moved*: root mean square distance of the path from the one as "
+            "recorded. Bound: 1.2 times the error as recorded, 1.1 times without odometry; what misses it is "
+            "**bold**. *Faults*: stretches in which the odometry was found to stand still, slip or be wrong. *Said* "
+            "is what else was found out about it.",
         ],
         [
             "recording",
