@@ -40,14 +40,19 @@ class LocalMap:
         Number of the middle key scan.
     points, normals : (n, 2) float32
         Hit centroids and the normals of the lines through them; (0, 0) = no line.
-    free : (FREE_SIDE, FREE_SIDE) uint8
-        1 where nothing stands.
+    packed_free : (FREE_SIDE, ceil(FREE_SIDE / 8)) uint8
+        The mask `free`, eight cells to a byte: a long recording has thousands of maps.
     """
 
     anchor: int
     points: F32
     normals: F32
-    free: U8
+    packed_free: U8
+
+    @property
+    def free(self) -> U8:
+        """(FREE_SIDE, FREE_SIDE) uint8, 1 where nothing stands."""
+        return np.unpackbits(self.packed_free, axis=1, count=FREE_SIDE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +100,8 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     sums = np.zeros((2 * _HALF_CELLS, 2 * _HALF_CELLS, 3), dtype=np.int64)
     points, normals = np.empty((_MAX_POINTS, 2), np.float32), np.empty((_MAX_POINTS, 2), np.float32)
     maps = []
-    anchors = range(min(_EVERY // 2, keys.size - 1), keys.size, _EVERY)
-    # One block for all masks goes back to the system when the maps are gone; many small ones would not.
-    masks = np.zeros((len(anchors), FREE_SIDE, FREE_SIDE), dtype=np.uint8)
-    for anchor, free in zip(anchors, masks, strict=True):
+    free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
+    for anchor in range(min(_EVERY // 2, keys.size - 1), keys.size, _EVERY):
         members = np.arange(max(anchor - _MEMBERS, 0), min(anchor + _MEMBERS + 1, keys.size))
         count = collect_local_map(
             sweeps.ranges_m,
@@ -117,7 +120,8 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
             normals,
             free,
         )
-        maps.append(LocalMap(anchor, points[:count].copy(), normals[:count].copy(), free))
+        packed = np.packbits(free, axis=1)
+        maps.append(LocalMap(anchor, points[:count].copy(), normals[:count].copy(), packed))
     return maps
 
 
@@ -134,6 +138,7 @@ class Easel:
         self._field = np.zeros((SIZE, SIZE), dtype=np.uint8)
         self._coarse = np.zeros((COARSE, COARSE), dtype=np.uint8)
         self._scores = np.zeros((COARSE, COARSE), dtype=np.int32)
+        self._free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
         self._drawn: LocalMap | None = None
 
     def draw(self, local_map: LocalMap) -> None:
@@ -145,6 +150,7 @@ class Easel:
                 self._drawn.points, self._drawn.points.shape[0], 0, self._index, self._field, self._coarse
             )
         draw_local_map(local_map.points, local_map.points.shape[0], 1, self._index, self._field, self._coarse)
+        self._free = local_map.free
         self._drawn = local_map
 
     def search(self, moved: LocalMap, guess: F64, reach_m: float, half_turn_rad: float) -> list[Fit]:
@@ -216,7 +222,7 @@ class Easel:
             _SPACING_M,
             drawn.points,
             drawn.normals,
-            drawn.free,
+            self._free,
             self._index,
             self._field,
             poses,
@@ -238,7 +244,7 @@ class Easel:
             points.shape[0],
             drawn.points,
             drawn.normals,
-            drawn.free,
+            self._free,
             self._index,
             pose,
             stride,

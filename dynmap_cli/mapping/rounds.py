@@ -112,38 +112,44 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
     weights: F32 | None = None
     poses: F64 | None = None
     rounds: list[Round] = []
-    for number in range(settings.max_rounds):
-        before, poses = poses, registrar.poses(weights, f"round {number + 1} of {settings.max_rounds}")
+    while True:
+        before, poses = poses, registrar.poses(weights, f"round {len(rounds) + 1} of {settings.max_rounds}")
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
         twists = twists_of(registrar.log, poses)
         filtered = filter_beams(registrar.log, poses, frame, params, twists=twists, threads=threads)
-        if number == 0:
+        if not rounds:
             unfiltered = occupancy(all_static(filtered.counting_map))
         rounds.append(_round(filtered, weights, poses, before))
-        _log.info("round %d: %.1f %% of the beams dynamic", number + 1, 100 * filtered.dynamic_share)
+        _log.info("round %d: %.1f %% of the beams dynamic", len(rounds), 100 * filtered.dynamic_share)
+        if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
+            return FilterMap(
+                Trajectory(log.stamps_ns, poses),
+                _with_looks(filtered, registrar.log, poses, twists, settings),
+                tuple(rounds),
+                unfiltered,
+                registrar.calibration,
+                registrar.graph,
+                registrar.front,
+                registrar.wheel_faults,
+            )
         weights = filtered.static_probability
-        if rounds[-1].changed_labels < settings.stop_label_share:
-            break
-    if settings.look_s > 0.0 and poses is not None:
-        filtered = filter_by_looks(
-            filtered,
-            registrar.log,
-            poses,
-            look_s=settings.look_s,
-            look_prior=settings.look_prior,
-            usable_range_m=settings.usable_range_m,
-            twists=twists,
-        )
-    trajectory = Trajectory(log.stamps_ns, poses if poses is not None else log.odometry)
-    return FilterMap(
-        trajectory,
+        del filtered  # as large as the map of the next round
+
+
+def _with_looks(
+    filtered: FilteredMap, log: ScanLog, poses: F64, twists: F64 | None, settings: MapSettings
+) -> FilteredMap:
+    """The result with those taken out that stood longer, where looks are asked for."""
+    if settings.look_s == 0.0:
+        return filtered
+    return filter_by_looks(
         filtered,
-        tuple(rounds),
-        unfiltered,
-        registrar.calibration,
-        registrar.graph,
-        registrar.front,
-        registrar.wheel_faults,
+        log,
+        poses,
+        look_s=settings.look_s,
+        look_prior=settings.look_prior,
+        usable_range_m=settings.usable_range_m,
+        twists=twists,
     )
 
 
