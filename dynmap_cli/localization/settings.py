@@ -18,8 +18,8 @@ class LocalizationSettings(BaseModel):
     start: tuple[Coordinate, Coordinate, Angle] | None = Field(
         None, description="Pose at the first scan in the map, x m, y m, yaw rad; none = found on its own."
     )
-    start_sigma_m: float = Field(0.25, ge=0.001, le=5, description="How far a given start pose may be off.")
-    start_sigma_rad: float = Field(0.15, ge=0.0001, le=3.15, description="How far its yaw may be off.")
+    start_sigma_m: float = Field(0.25, ge=1e-9, le=5, description="How far a given start pose may be off.")
+    start_sigma_rad: float = Field(0.15, ge=1e-9, le=3.15, description="How far its yaw may be off.")
     start_pitch_m: float = Field(0.25, ge=0.05, le=1, description="Pitch of the lattice of a global start.")
     start_pitch_deg: float = Field(4.0, ge=1, le=30, description="Its step in yaw.")
     start_scans: int = Field(

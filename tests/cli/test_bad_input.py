@@ -82,7 +82,7 @@ def test_a_truncated_recording_is_used_as_far_as_it_goes(small, tmp_path, kind):
     short.write_bytes(whole.read_bytes()[: whole.stat().st_size * 3 // 5])
     result = run_dynmap("ingest", short, "-o", tmp_path / "new")
     assert result.exit_code == 0, result.output
-    lines = [line for line in result.stdout.splitlines() if "cut off or damaged" in line]
+    lines = [line for line in result.stderr.splitlines() if "cut off or damaged" in line]
     assert len(lines) == 1
     assert "recovered" in lines[0]
 
