@@ -18,8 +18,6 @@ ONE = 1 << 20
 """Fixed-point value of one hit."""
 NORMAL_RADIUS = 3
 FIELD_RADIUS = 2
-BARE, KNOWN_BOTH_WAYS = 0.01, 0.04
-"""Information along a corridor as a share of that across: below the one it is noise, above the other it counts."""
 HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
 
@@ -95,7 +93,7 @@ def _refresh_field(sums: I64, field: U8, row: int, col: int) -> None:
 
 
 @kernel
-def _refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
+def refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
     """Set the normal of the line through the centroids around a cell; (0, 0) where there is no line."""
     lines[row, col, 2] = 0.0
     lines[row, col, 3] = 0.0
@@ -190,150 +188,6 @@ def insert_points(
         for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
             for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
                 stale[(r + dr) & MASK, (c + dc) & MASK] = 1
-
-
-@kernel
-def bareness(xx: float, xy: float, yy: float) -> float:
-    """How much like a bare corridor the place is, 0 to 1: whether walls fix a position in one direction only.
-
-    Normals are noisy, so that even parallel walls seem to say something along them, some 0.3 % of what they say across.
-
-    Parameters
-    ----------
-    xx, xy, yy : float
-        Information about a position.
-    """
-    mean, half = 0.5 * (xx + yy), math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-    ratio = (mean - half) / (mean + half + 1e-12)
-    return float(min(max((KNOWN_BOTH_WAYS - ratio) / (KNOWN_BOTH_WAYS - BARE), 0.0), 1.0))
-
-
-@kernel
-def point_to_line(
-    points: F64,
-    weights: F64,
-    count: int,
-    pose: F64,
-    radius_cells: int,
-    sigma_m: float,
-    cell_m: float,
-    sums: I64,
-    lines: F32,
-    stale: U8,
-    field: U8,
-    normal_matrix: F64,
-    gradient: F64,
-) -> float:
-    """Fill the normal equations of sum_k w_k rho(n . (R p_k + t - c)) at a pose; return the matched share.
-
-    Each point is paired with the nearest hit centroid c within a few cells, its residual is the distance from
-    the line through c with normal n; rho is the Geman-McClure kernel of scale *sigma_m*.
-
-    Parameters
-    ----------
-    points, weights, count
-        As for `insert_points`.
-    pose : (3,) float64
-    radius_cells : int
-    sigma_m, cell_m : float
-    sums, lines, stale, field
-        The local map.
-    normal_matrix : (3, 3) float64
-        J^T W J, in 1 / m^2, 1 / m and 1.
-    gradient : (3,) float64
-        J^T W r.
-
-    Returns
-    -------
-    float
-        Weighted mean of 1 / (1 + (r / sigma)^2)^2 over all points; unmatched points count 0.
-    """
-    for i in range(3):
-        gradient[i] = 0.0
-        for j in range(3):
-            normal_matrix[i, j] = 0.0
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    total, matched = 1e-12, 0.0
-    lone = lone_x = lone_y = lone_squared = pull_x = pull_y = pull_turn = 0.0
-    for k in range(count):
-        weight = weights[k]
-        total += weight
-        px = cos * points[k, 0] - sin * points[k, 1]
-        py = sin * points[k, 0] + cos * points[k, 1]
-        x, y = (pose[0] + px) / cell_m, (pose[1] + py) / cell_m
-        col, row = int(math.floor(x)), int(math.floor(y))
-        best = (radius_cells + 0.5) ** 2
-        best_r = best_c = -1
-        best_x = best_y = 0.0
-        for dr in range(-radius_cells, radius_cells + 1):
-            r = (row + dr) & MASK
-            for dc in range(-radius_cells, radius_cells + 1):
-                c = (col + dc) & MASK
-                if field[r, c] == HIT:
-                    ox = col + dc + float(lines[r, c, 0]) - x
-                    oy = row + dr + float(lines[r, c, 1]) - y
-                    distance = ox * ox + oy * oy
-                    if distance < best:
-                        best, best_r, best_c = distance, r, c
-                        best_x, best_y = ox, oy
-        if best_r < 0:
-            continue
-        if stale[best_r, best_c]:
-            _refresh_line(sums, lines, best_r, best_c)
-            stale[best_r, best_c] = 0
-        nx, ny = float(lines[best_r, best_c, 2]), float(lines[best_r, best_c, 3])
-        if nx == 0.0 and ny == 0.0:
-            # No line here (a leg, a corner): pull towards the centroid itself, as a weak point.
-            distance_m = math.sqrt(best) * cell_m
-            share = 1.0 / (1.0 + (distance_m / sigma_m) ** 2) ** 2
-            matched += weight * share
-            w = 0.25 * weight * share
-            ex, ey = -best_x * cell_m, -best_y * cell_m
-            normal_matrix[0, 0] += w
-            normal_matrix[1, 1] += w
-            normal_matrix[0, 2] -= w * py
-            normal_matrix[1, 2] += w * px
-            normal_matrix[2, 2] += w * (px * px + py * py)
-            gradient[0] += w * ex
-            gradient[1] += w * ey
-            gradient[2] += w * (px * ey - py * ex)
-            lone += w
-            lone_x += w * px
-            lone_y += w * py
-            lone_squared += w * (px * px + py * py)
-            pull_x += w * ex
-            pull_y += w * ey
-            pull_turn += w * (px * ey - py * ex)
-            continue
-        residual = -(nx * best_x + ny * best_y) * cell_m
-        share = 1.0 / (1.0 + (residual / sigma_m) ** 2) ** 2
-        matched += weight * share
-        w = weight * share
-        turn = -nx * py + ny * px
-        normal_matrix[0, 0] += w * nx * nx
-        normal_matrix[0, 1] += w * nx * ny
-        normal_matrix[1, 1] += w * ny * ny
-        normal_matrix[0, 2] += w * nx * turn
-        normal_matrix[1, 2] += w * ny * turn
-        normal_matrix[2, 2] += w * turn * turn
-        gradient[0] += w * nx * residual
-        gradient[1] += w * ny * residual
-        gradient[2] += w * turn * residual
-    # Along a bare corridor the lone points are where beams graze a wall, and come along with the robot.
-    doubt = bareness(normal_matrix[0, 0] - lone, normal_matrix[0, 1], normal_matrix[1, 1] - lone)
-    if doubt > 0.0:
-        normal_matrix[0, 0] -= doubt * lone
-        normal_matrix[1, 1] -= doubt * lone
-        normal_matrix[0, 2] += doubt * lone_y
-        normal_matrix[1, 2] -= doubt * lone_x
-        normal_matrix[2, 2] -= doubt * lone_squared
-        gradient[0] -= doubt * pull_x
-        gradient[1] -= doubt * pull_y
-        gradient[2] -= doubt * pull_turn
-    normal_matrix[1, 0] = normal_matrix[0, 1]
-    normal_matrix[2, 0] = normal_matrix[0, 2]
-    normal_matrix[2, 1] = normal_matrix[1, 2]
-    return matched / total
 
 
 @kernel

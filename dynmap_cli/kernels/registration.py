@@ -8,7 +8,8 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
-from dynmap_cli.kernels.matching import bareness, correlate, insert_points, point_to_line, thin_points
+from dynmap_cli.kernels.matching import correlate, insert_points, thin_points
+from dynmap_cli.kernels.refinement import copy3, fit_loss, refine
 
 WIDE, LOST, KEY = 1, 2, 4
 """Flags of a scan: the correlative search was used, nothing fitted, it was put into the local map."""
@@ -26,176 +27,6 @@ RECOVERY_GAIN = 0.15
 """By how much of the points a lost scan must fit better somewhere else."""
 REVERSED_MARGIN = 3.0
 """By how much a step must fit better backwards: along a bare corridor both directions fit alike."""
-
-
-@kernel
-def _copy3(source: F64, target: F64) -> None:
-    """Copy three numbers; slices take much longer to compile."""
-    for i in range(3):
-        target[i] = source[i]
-
-
-@kernel
-def _solve3(a: F64, b: F64, out: F64) -> bool:
-    """Solve a 3 x 3 symmetric positive definite system by Cholesky; False where it is not definite."""
-    l00 = a[0, 0]
-    if l00 <= 0.0:
-        return False
-    l00 = math.sqrt(l00)
-    l10, l20 = a[1, 0] / l00, a[2, 0] / l00
-    d1 = a[1, 1] - l10 * l10
-    if d1 <= 0.0:
-        return False
-    l11 = math.sqrt(d1)
-    l21 = (a[2, 1] - l20 * l10) / l11
-    d2 = a[2, 2] - l20 * l20 - l21 * l21
-    if d2 <= 0.0:
-        return False
-    l22 = math.sqrt(d2)
-    y0 = b[0] / l00
-    y1 = (b[1] - l10 * y0) / l11
-    y2 = (b[2] - l20 * y0 - l21 * y1) / l22
-    out[2] = y2 / l22
-    out[1] = (y1 - l21 * out[2]) / l11
-    out[0] = (y0 - l10 * out[1] - l20 * out[2]) / l00
-    return True
-
-
-@kernel
-def leave_to_prior(information: F64, gradient: F64) -> None:
-    """Take out what the noise of normals feigns along a bare corridor; there the motion prior decides.
-
-    Parameters
-    ----------
-    information : (3, 3) float64
-        J^T W J, changed in place: along its weakest direction of x and y it loses the share `bareness`.
-    gradient : (3,) float64
-        J^T W r, changed in place alike.
-    """
-    taken = bareness(information[0, 0], information[0, 1], information[1, 1])
-    if taken == 0.0:
-        return
-    across = 0.5 * math.atan2(2.0 * information[0, 1], information[0, 0] - information[1, 1])
-    x, y = -math.sin(across), math.cos(across)
-    column = np.empty(3)
-    for i in range(3):
-        column[i] = taken * (information[i, 0] * x + information[i, 1] * y)
-    known = column[0] * x + column[1] * y
-    for i in range(3):
-        along_i = x if i == 0 else (y if i == 1 else 0.0)
-        for j in range(3):
-            along_j = x if j == 0 else (y if j == 1 else 0.0)
-            information[i, j] += known * along_i * along_j - along_i * column[j] - column[i] * along_j
-    slope = taken * (gradient[0] * x + gradient[1] * y)
-    gradient[0] -= slope * x
-    gradient[1] -= slope * y
-
-
-@kernel
-def fit_loss(
-    share: float, points_weight: float, match_weight: float, pose: F64, predicted: F64, prior: F64
-) -> float:
-    r"""Loss by which two refined poses are compared: misfit of the points and distance from the prediction.
-
-    The prior has a heavy tail, \ln(1 + d^2 / 4) with d in standard deviations, since wheels slip.
-    """
-    turn = (pose[2] - predicted[2] + math.pi) % (2.0 * math.pi) - math.pi
-    squared = (
-        prior[0] * ((pose[0] - predicted[0]) ** 2 + (pose[1] - predicted[1]) ** 2) + prior[2] * turn * turn
-    )
-    return 2.0 * match_weight * points_weight * (1.0 - share) + 2.0 * math.log(1.0 + 0.25 * squared)
-
-
-@kernel
-def refine(
-    points: F64,
-    weights: F64,
-    count: int,
-    start: F64,
-    predicted: F64,
-    prior: F64,
-    match_weight: float,
-    sigma_m: float,
-    cell_m: float,
-    sums: I64,
-    lines: F32,
-    stale: U8,
-    field: U8,
-    information: F64,
-    out: F64,
-) -> float:
-    r"""Refine a pose by Gauss-Newton on point-to-line residuals and the motion prior (Eq. 1.11).
-
-    .. math::
-        \hat x = \arg\min_x \; \frac{\nu}{\sigma^2} \sum_k e_k \, \rho(n_k \cdot (R p_k + t - c_k))
-                 + \sum_i P_i (x_i - x_i^{pred})^2
-
-    The association radius and the scale of the robust kernel shrink over the first iterations.
-
-    Parameters
-    ----------
-    points, weights, count
-        Thinned points of the scan, robot frame, with e of their beams.
-    start, predicted : (3,) float64
-        Where to begin, and where the motion prior has its maximum.
-    prior : (3,) float64
-        Inverse variances P of x, y (1 / m^2) and yaw (1 / rad^2).
-    match_weight : float
-        nu, so that neighbouring beams do not count as independent.
-    sigma_m, cell_m : float
-    sums, lines, stale, field
-        The local map.
-    information : (3, 3) float64
-        On return nu / sigma^2 * J^T W J of the last iteration, without the prior and without what is feigned.
-    out : (3,) float64
-        Refined pose.
-
-    Returns
-    -------
-    float
-        Matched share at the refined pose, 0 to 1.
-    """
-    gradient = np.empty(3)
-    step = np.empty(3)
-    system = np.empty((3, 3))
-    _copy3(start, out)
-    factor = match_weight / (sigma_m * sigma_m)
-    share = 0.0
-    for iteration in range(15):
-        scale = 5.0 * sigma_m if iteration < 2 else (3.0 * sigma_m if iteration < 3 else 2.0 * sigma_m)
-        radius = 3 if iteration < 2 else 2
-        share = point_to_line(
-            points,
-            weights,
-            count,
-            out,
-            radius,
-            scale,
-            cell_m,
-            sums,
-            lines,
-            stale,
-            field,
-            information,
-            gradient,
-        )
-        leave_to_prior(information, gradient)
-        for i in range(3):
-            for j in range(3):
-                information[i, j] *= factor
-                system[i, j] = information[i, j]
-            offset = out[i] - predicted[i]
-            if i == 2:
-                offset = (offset + math.pi) % (2.0 * math.pi) - math.pi
-            system[i, i] += prior[i]
-            gradient[i] = -(gradient[i] * factor + prior[i] * offset)
-        if not _solve3(system, gradient, step):
-            break
-        for i in range(3):
-            out[i] += step[i]
-        if iteration >= 3 and abs(step[0]) + abs(step[1]) < 2e-4 and abs(step[2]) < 2e-5:
-            break
-    return share
 
 
 @kernel
@@ -331,14 +162,14 @@ def register_scans(
             share = loss = 0.0
             for attempt in range(4):
                 # Where to start: as predicted, backwards, by correlation around, or far around when lost.
-                _copy3(predicted, start)
-                _copy3(predicted, centre)
+                copy3(predicted, start)
+                copy3(predicted, centre)
                 if attempt == REVERSED:
                     if numbers[REVERSIBLE] == 0.0 or shift_m < 0.02:
                         continue
                     start[0] = poses[scan - 1, 0] - cos * dx + sin * dy
                     start[1] = poses[scan - 1, 1] - sin * dx - cos * dy
-                    _copy3(start, centre)
+                    copy3(start, centre)
                 elif attempt > REVERSED:
                     needed = share < numbers[LOST_SHARE]
                     if attempt == SEARCH:
@@ -372,13 +203,13 @@ def register_scans(
                     )
                     flags[scan] |= WIDE
                     if attempt == RECOVER:
-                        _copy3(start, centre)
+                        copy3(start, centre)
                 found_share = refine(
                     points, point_weights, count, start, centre, prior, numbers[INDEPENDENT], sigma_m, cell_m,
                     sums, lines, stale, field, trial, found,
                 )  # fmt: skip
                 if attempt != REVERSED:
-                    _copy3(predicted, centre)
+                    copy3(predicted, centre)
                 found_loss = fit_loss(found_share, weight_sum, numbers[INDEPENDENT], found, centre, prior)
                 if attempt == REVERSED:
                     found_loss += REVERSED_MARGIN
@@ -387,10 +218,10 @@ def register_scans(
                     is_better = False
                 if is_better:
                     share, loss = found_share, found_loss
-                    _copy3(found, best)
-                    _copy3(centre, predicted)
+                    copy3(found, best)
+                    copy3(centre, predicted)
                     for i in range(3):
-                        _copy3(trial[i], information[scan, i])
+                        copy3(trial[i], information[scan, i])
             if share < numbers[LOST_SHARE] and not is_first:
                 flags[scan] |= LOST
                 state[2] += 1

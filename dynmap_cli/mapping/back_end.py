@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between, compose, wrap_angle
-from dynmap_cli.kernels.local_maps import MATCHED, RESIDUAL, SEEN
+from dynmap_cli.kernels.map_fits import MATCHED, RESIDUAL, SEEN
 from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch

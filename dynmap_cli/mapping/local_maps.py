@@ -16,11 +16,8 @@ from dynmap_cli.kernels.local_maps import (
     SIZE,
     collect_local_map,
     draw_local_map,
-    fit_scans,
-    judge_fit,
-    refine_local_map,
-    search_coarse,
 )
+from dynmap_cli.kernels.map_fits import fit_scans, judge_fit, refine_local_map, search_coarse
 from dynmap_cli.mapping.front_end import Sweeps
 
 _EVERY, _MEMBERS = 10, 8

@@ -16,9 +16,8 @@ from dynmap_cli.kernels.local_maps import (
     REACH,
     SIZE,
     draw_local_map,
-    judge_fit,
-    search_coarse,
 )
+from dynmap_cli.kernels.map_fits import judge_fit, search_coarse
 from dynmap_cli.mapping.front_end import sweeps_of
 from dynmap_cli.mapping.local_maps import Easel, make_local_maps
 from tests.reference.mapping import plain_coarse_field, plain_judge, plain_local_map, plain_normal

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from dynmap_cli.kernels.matching import SIZE, correlate, insert_points, point_to_line, thin_points
+from dynmap_cli.kernels.matching import SIZE, correlate, insert_points, thin_points
+from dynmap_cli.kernels.refinement import point_to_line
 from tests.reference.mapping import (
     plain_correlate,
     plain_field,
