@@ -63,7 +63,17 @@ def test_only_kernels_import_numba_and_they_import_only_arithmetic():
     numba = {f for f, _, module in imports() if module.partition(".")[0] == "numba"}
     assert numba == {"kernels/jit.py"}
     outside = {m.partition(".")[0] for _, room, m in imports() if room == "kernels"} - {"dynmap_cli"}
-    assert outside <= {"__future__", "collections", "hashlib", "math", "numba", "numpy", "os", "pathlib", "typing"}
+    assert outside <= {
+        "__future__",
+        "collections",
+        "hashlib",
+        "math",
+        "numba",
+        "numpy",
+        "os",
+        "pathlib",
+        "typing",
+    }
 
 
 def test_every_stage_reads_what_an_earlier_one_wrote():
