@@ -103,15 +103,15 @@ class Sweeps:
         """Number of sweeps."""
         return int(self.ranges_m.shape[0])
 
-    def first(self, n_scans: int) -> Sweeps:
-        """The first sweeps only."""
-        part = slice(0, n_scans)
+    def part(self, first: int, last: int) -> Sweeps:
+        """The sweeps first..last - 1 only."""
+        rows = slice(first, last)
         return Sweeps(
-            self.ranges_m[part],
-            self.weights[part],
-            self.geometry_index[part],
-            self.odometry[part],
-            self.times_s[part],
+            self.ranges_m[rows],
+            self.weights[rows],
+            self.geometry_index[rows],
+            self.odometry[rows],
+            self.times_s[rows],
         )
 
 

@@ -32,6 +32,7 @@ _FIRST_PASS = Calibration(
 )
 _GOOD_SHARE, _CLEAR_GAIN, _BETTER_SHARE = 0.7, 0.003, 0.05
 _SWEEP_SCANS = 1000
+_SCANS_BEFORE = 80
 _FEW_DYNAMIC = 0.02
 _SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
 
@@ -201,17 +202,20 @@ class Registrar:
         faults = find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
         unsure = [fault.steps for fault in faults if fault.steps]
         unsure += suspicious_stops(motion, sweeps.times_s, front.shares)
-        if not unsure:
-            return front
-        free = self._register(sweeps, without_steps(motion, unsure), self.calibration)
-        wrong = [
-            steps for steps in unsure if (free.shares - front.shares)[list(steps)].mean() > _BETTER_SHARE
-        ]
+        wrong = [steps for steps in unsure if self._fits_better_without(steps, sweeps, motion)]
         if not wrong:
             return front
-        if len(wrong) == len(unsure):
-            return free
         return self._register(sweeps, without_steps(motion, wrong), self.calibration)
+
+    def _fits_better_without(self, steps: tuple[int, ...], sweeps: Sweeps, motion: F64) -> bool:
+        """Whether the scans of some steps fit clearly better without their odometry; tried on the scans around."""
+        first, last = max(min(steps) - _SCANS_BEFORE, 0), min(max(steps) + 1, sweeps.n_scans)
+        part, rows = sweeps.part(first, last), np.array(steps) - first
+        shares = [
+            float(self._register(part, each[first:last], self.calibration).shares[rows].mean())
+            for each in (motion, without_steps(motion, [steps]))
+        ]
+        return shares[1] - shares[0] > _BETTER_SHARE
 
     def _in_log_order(self, poses: F64) -> F64:
         """Sort poses from the order in which the sweeps were made into that of the log."""
@@ -221,9 +225,9 @@ class Registrar:
 
     def _calibrate(self, sweeps: Sweeps) -> Calibration:
         """Match a first part of the recording with loose odometry and compare."""
-        part = sweeps.first(_CALIBRATION_SCANS)
+        part = sweeps.part(0, _CALIBRATION_SCANS)
         motion = corrected_motion(part.odometry, part.times_s, Calibration())
-        sweep = self._find_sweep(part.first(_SWEEP_SCANS), motion[:_SWEEP_SCANS])
+        sweep = self._find_sweep(part.part(0, _SWEEP_SCANS), motion[:_SWEEP_SCANS])
         self._rays = replace(self._rays, beam_interval_s=_SWEEP_SIGNS[sweep] * self._rays.beam_interval_s)
         if not np.isfinite(part.odometry).all(axis=1).any():
             return Calibration(sweep=sweep)
