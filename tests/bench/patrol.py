@@ -48,7 +48,7 @@ _SCENARIO = {
 _COLUMNS = {
     "front end": ("register",),
     "loops, graph": ("close_loops", "refine_graph"),
-    "counting, EM": ("filter_beams",),
+    "counting, EM": ("filter_beams", "filter_by_looks"),
 }
 
 
