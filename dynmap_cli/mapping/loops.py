@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from scipy import sparse
@@ -15,6 +17,7 @@ from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
 WINDOWS_M = (1.0, 3.0, 8.0, 12.0)
 _WEAK_SHARE = 0.03
 MAX_ROUNDS = 9
+_NEIGHBOURS = 4
 _RETRY_TURN_RAD = 0.35
 
 
@@ -136,8 +139,9 @@ class LoopSearch:
         """Keep loops that hold both ways and have companions."""
         found = self._both_ways(found)
         accepted = []
+        near = _NearLoops((*self.loops, *found))
         for loop in found:
-            if self._has_companions(loop, found, poses):
+            if self._has_companions(loop, near, poses):
                 accepted.append(loop)
             else:
                 self._reject(loop.fixed, loop.moved, "no companion")
@@ -157,9 +161,10 @@ class LoopSearch:
             if near.size == 0:
                 continue
             self._easel.draw(self.maps[fixed])
-            for moved in near[:: max(1, near.size // 4)]:
+            chosen = near[:: max(1, near.size // 4)]
+            for moved, pose in zip(chosen, between(poses[fixed], poses[chosen]), strict=True):
                 n_pairs += 1
-                fit = self._easel.judge(self.maps[moved].points, between(poses[fixed], poses[moved]))
+                fit = self._easel.judge(self.maps[moved].points, pose)
                 if fit.in_free > 0.25:
                     bad.append((fixed, int(moved)))
         return len(bad) / max(n_pairs, 1), bad
@@ -253,17 +258,36 @@ class LoopSearch:
                 kept.append(loop)
         return kept
 
-    def _has_companions(self, loop: Loop, found: list[Loop], poses: F64) -> bool:
+    def _has_companions(self, loop: Loop, near: _NearLoops, poses: F64) -> bool:
         """Whether enough neighbouring loops say the same: none for small shifts, one or two for large ones."""
         needed = 0 if loop.shift_m < 0.5 else 1 if loop.shift_m < 2.0 else 2
         if needed == 0:
             return True
-        return sum(is_companion(loop, other, poses) for other in (*self.loops, *found)) >= needed
+        return sum(is_companion(loop, other, poses) for other in near.around(loop)) >= needed
+
+
+class _NearLoops:
+    """Loops sorted by the maps they join, so that the neighbours of one are found without looking at all."""
+
+    def __init__(self, loops: Sequence[Loop]) -> None:
+        self._blocks: dict[tuple[int, int], list[Loop]] = {}
+        for loop in loops:
+            self._blocks.setdefault(self._block(loop), []).append(loop)
+
+    @staticmethod
+    def _block(loop: Loop) -> tuple[int, int]:
+        return loop.fixed // (_NEIGHBOURS + 1), loop.moved // (_NEIGHBOURS + 1)
+
+    def around(self, loop: Loop) -> Iterator[Loop]:
+        """All loops whose maps are neighbours of its maps, and some more."""
+        row, col = self._block(loop)
+        for block in product((row - 1, row, row + 1), (col - 1, col, col + 1)):
+            yield from self._blocks.get(block, ())
 
 
 def is_companion(loop: Loop, other: Loop, poses: F64) -> bool:
     """Whether another loop joins neighbours of the same maps in the same way."""
-    if other is loop or abs(other.fixed - loop.fixed) > 4 or abs(other.moved - loop.moved) > 4:
+    if other is loop or max(abs(other.fixed - loop.fixed), abs(other.moved - loop.moved)) > _NEIGHBOURS:
         return False
     way = compose(between(poses[loop.fixed], poses[other.fixed]), other.fit.pose)
     way = compose(way, between(poses[other.moved], poses[loop.moved]))
