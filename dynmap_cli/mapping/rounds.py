@@ -166,6 +166,7 @@ class Registrar:
         self.front: Registered | None = None
         self.wheel_faults: tuple[WheelFault, ...] = ()
         self._is_calibrated = False
+        self._wrong_wheels: list[tuple[int, ...]] | None = None
 
     def poses(self, weights: F32 | None, label: str) -> F64:
         """(n_scans, 3) poses in the order of the log, with the beams weighted by e (Eq. 1.11)."""
@@ -182,9 +183,13 @@ class Registrar:
             self.log = replace(self.log, beam_interval_s=self._rays.beam_interval_s.copy())
             self._is_calibrated = True
         motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
+        trusted = without_steps(motion, self._wrong_wheels or ())
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
-            front = self._register(sweeps, motion, self.calibration, tick)
-        front = self._without_wrong_wheels(sweeps, motion, front)
+            front = self._register(sweeps, trusted, self.calibration, tick)
+        if self._wrong_wheels is None:
+            self._wrong_wheels = self._find_wrong_wheels(sweeps, motion, front)
+            if self._wrong_wheels:
+                front = self._register(sweeps, without_steps(motion, self._wrong_wheels), self.calibration)
         reversible = self.calibration.reversible
         self.wheel_faults = tuple(
             find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
@@ -196,16 +201,13 @@ class Registrar:
             self.graph = refine_graph(sweeps, self._rays, front, self.graph)
         return self._in_log_order(spread_to_scans(front, self.graph))
 
-    def _without_wrong_wheels(self, sweeps: Sweeps, motion: F64, front: Registered) -> Registered:
-        """Register again without the odometry where it seems wrong and the scans then fit clearly better."""
+    def _find_wrong_wheels(self, sweeps: Sweeps, motion: F64, front: Registered) -> list[tuple[int, ...]]:
+        """Steps whose odometry seems wrong, and without which the scans fit clearly better."""
         reversible = self.calibration.reversible
         faults = find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
         unsure = [fault.steps for fault in faults if fault.steps]
         unsure += suspicious_stops(motion, sweeps.times_s, front.shares)
-        wrong = [steps for steps in unsure if self._fits_better_without(steps, sweeps, motion)]
-        if not wrong:
-            return front
-        return self._register(sweeps, without_steps(motion, wrong), self.calibration)
+        return [steps for steps in unsure if self._fits_better_without(steps, sweeps, motion)]
 
     def _fits_better_without(self, steps: tuple[int, ...], sweeps: Sweeps, motion: F64) -> bool:
         """Whether the scans of some steps fit clearly better without their odometry; tried on the scans around."""
