@@ -124,8 +124,14 @@ def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
         weights=np.full_like(ranges, np.nan) if weights is None else np.array(weights[order]),
         geometry_index=np.array(log.geometry_index[order]),
         odometry=np.array(log.odometry[order]),
-        times_s=np.maximum.accumulate((log.stamps_ns[order] - log.stamps_ns[0]) / 1e9),
+        times_s=times_of(log),
     )
+
+
+def times_of(log: ScanLog) -> F64:
+    """(n_scans,) ascending seconds since the first scan, in the order in which the sweeps were made."""
+    order = np.argsort(log.arrival_index, kind="stable")
+    return np.asarray(np.maximum.accumulate((log.stamps_ns[order] - log.stamps_ns[0]) / 1e9))
 
 
 @dataclass(frozen=True, slots=True)

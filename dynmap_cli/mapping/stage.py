@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynmap_cli.arrays import F64
 from dynmap_cli.counting.em import occupancy
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
@@ -16,10 +17,12 @@ from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping.back_end import Graph
-from dynmap_cli.mapping.front_end import Registered
+from dynmap_cli.mapping.front_end import Registered, times_of
 from dynmap_cli.mapping.graph_files import rejected_by_reason, write_graph
+from dynmap_cli.mapping.odometry import corrected_motion
 from dynmap_cli.mapping.rounds import FilterMap, Round, build_filter_map
 from dynmap_cli.mapping.warnings import (
+    warn_of_bent_path,
     warn_of_contradictions,
     warn_of_corridors,
     warn_of_lost_scans,
@@ -27,6 +30,7 @@ from dynmap_cli.mapping.warnings import (
     warn_of_odometry,
     warn_of_wheels,
 )
+from dynmap_cli.mapping.wheel_faults import without_steps
 from dynmap_cli.stage import Stage, StageContext
 
 
@@ -53,7 +57,7 @@ def run(context: StageContext) -> dict[str, Any]:
         write_map(out, f"round_{number}", result.rounds[number - 1].occupancy)
     if result.graph is not None:
         write_graph(out, log, result.graph)
-    return _summary(log, result)
+    return _summary(log, result, with_looks=settings.look_s > 0.0)
 
 
 def _write_rounds(path: Path, rounds: tuple[Round, ...]) -> None:
@@ -69,11 +73,16 @@ def _write_rounds(path: Path, rounds: tuple[Round, ...]) -> None:
 
 def _path_length_m(log: ScanLog, result: FilterMap) -> float:
     """Distance travelled, along the order in which the sweeps were made."""
-    in_order = result.trajectory.poses[np.argsort(log.arrival_index, kind="stable"), :2]
+    in_order = _in_order(log, result.trajectory.poses)[:, :2]
     return float(np.linalg.norm(np.diff(in_order, axis=0), axis=1).sum())
 
 
-def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
+def _in_order(log: ScanLog, poses: F64) -> F64:
+    """(n_scans, 3) poses of the log in the order in which the sweeps were made."""
+    return np.asarray(poses[np.argsort(log.arrival_index, kind="stable")])
+
+
+def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, Any]:
     """What was found, as numbers and as sentences."""
     filtered = result.filtered
     frame = filtered.counting_map.frame
@@ -90,7 +99,8 @@ def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
     lines = [
         f"{log.n_scans} scans along {summary['path_m']:.1f} m, map of "
         f"{summary['size_m'][0]:.1f} m x {summary['size_m'][1]:.1f} m",
-        f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves",
+        f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves"
+        + (", with those that the looks found" if with_looks else ""),
     ]
     if result.front is not None and result.graph is not None:
         found, said = _registration_summary(log, result.front, result.graph, result)
@@ -111,23 +121,30 @@ def _registration_summary(
         "contradictions": round(graph.contradictions, 4),
         "wheel_faults": [_rounded(asdict(fault)) for fault in result.wheel_faults],
     }
-    lines = [result.calibration.sentence()] if log.has_odometry.any() else []
+    has_odometry, n_loops = bool(log.has_odometry.any()), len(graph.loops)
+    lines = [result.calibration.sentence()] if has_odometry else []
     if result.calibration.sweep == "last to first":
         lines.append("sweeps run from the last beam to the first")
     reasons = ", ".join(f"{count} {reason}" for reason, count in rejected.items())
     lines.append(
-        f"{len(graph.loops)} loops closed, {len(graph.rejected)} rejected"
-        + (f": {reasons}" if reasons else "")
+        f"{n_loops} loops closed, {len(graph.rejected)} rejected" + (f": {reasons}" if reasons else "")
     )
     warnings = [
         *warn_of_odometry(result.calibration),
         *warn_of_wheels(result.wheel_faults),
-        *warn_of_corridors(front.poses, front.information),
-        *warn_of_missing_loops(graph.poses, len(graph.loops)),
-        *warn_of_lost_scans(n_lost, log.n_scans),
+        *warn_of_corridors(front.poses, front.information, has_odometry=has_odometry),
+        *warn_of_missing_loops(graph.poses, n_loops),
+        *warn_of_bent_path(_believed_motion(log, result), _in_order(log, result.trajectory.poses), n_loops),
+        *warn_of_lost_scans(n_lost, log.n_scans, has_odometry=has_odometry),
         *warn_of_contradictions(graph.contradictions),
     ]
     return found, lines + [f"warning: {sentence}" for sentence in warnings]
+
+
+def _believed_motion(log: ScanLog, result: FilterMap) -> F64:
+    """(n_scans, 3) calibrated steps of the odometry in the order of the sweeps, NaN where it is wrong or missing."""
+    motion = corrected_motion(_in_order(log, log.odometry), times_of(log), result.calibration)
+    return without_steps(motion, [fault.steps for fault in result.wheel_faults])
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:

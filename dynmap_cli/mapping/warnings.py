@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dynmap_cli.arrays import F64
+from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.mapping.odometry import Calibration
 from dynmap_cli.mapping.wheel_faults import WheelFault
 
@@ -17,6 +18,8 @@ _LAG_S, _LAG_SCANS = 0.05, 0.3
 _MOST_FAULTS = 5
 _BARE, _CORRIDOR_M = 0.006, 3.0
 _RETURN_M, _WAY_M, _SPACING_M = 1.0, 20.0, 0.5
+_LONG_WAY_M = 50.0
+_BENT_RAD = np.radians(10.0)
 
 
 def warn_of_odometry(calibration: Calibration) -> list[str]:
@@ -38,9 +41,9 @@ def warn_of_wheels(faults: Sequence[WheelFault]) -> list[str]:
     """Where odometry stood still or slipped; at most a few, the others are counted."""
     lines = [_fault_sentence(fault) for fault in faults[:_MOST_FAULTS]]
     if len(faults) > _MOST_FAULTS:
-        lines.append(
-            f"odometry was wrong {len(faults) - _MOST_FAULTS} more times, see wheel_faults in the manifest"
-        )
+        rest = len(faults) - _MOST_FAULTS
+        often = "once more" if rest == 1 else f"{rest} more times"
+        lines.append(f"odometry was wrong {often}, see wheel_faults in the manifest")
     return lines
 
 
@@ -54,7 +57,7 @@ def _fault_sentence(fault: WheelFault) -> str:
     return f"{what} {when}: counted {counted}, by the scans the robot moved {moved}"
 
 
-def warn_of_corridors(poses: F64, information: F64) -> list[str]:
+def warn_of_corridors(poses: F64, information: F64, *, has_odometry: bool) -> list[str]:
     """Length of the way along which the scans say nothing about the distance travelled.
 
     Parameters
@@ -63,6 +66,8 @@ def warn_of_corridors(poses: F64, information: F64) -> list[str]:
         In the order of the sweeps.
     information : (n_scans, 3, 3) float64
         What the match knows about each pose, without what noise feigns, map frame.
+    has_odometry : bool
+        Whether any scan has odometry.
     """
     values, vectors = np.linalg.eigh(information[:, :2, :2])
     is_bare = (values[:, 0] < _BARE * values[:, 1]) & (values[:, 1] > 0.0)
@@ -77,12 +82,13 @@ def warn_of_corridors(poses: F64, information: F64) -> list[str]:
     if total == 0.0:
         return []
     return [
-        f"corridor: {total:.0f} m with no information along it; how far the robot went comes from the odometry"
+        f"corridor: {total:.0f} m with no information along it; how far the robot went comes from "
+        f"{_source(has_odometry=has_odometry)}"
     ]
 
 
 def warn_of_missing_loops(poses: F64, n_loops: int) -> list[str]:
-    """Whether the path returns to where it was before, and no loop was found.
+    """Whether no loop was found although the path returns to where it was before, or is long.
 
     Parameters
     ----------
@@ -98,17 +104,48 @@ def warn_of_missing_loops(poses: F64, n_loops: int) -> list[str]:
     )
     pairs = cKDTree(poses[kept, :2]).query_pairs(_RETURN_M, output_type="ndarray")
     if not bool((np.abs(way[kept[pairs[:, 0]]] - way[kept[pairs[:, 1]]]) > _WAY_M).any()):
-        return []
+        if way[-1] <= _LONG_WAY_M:
+            return []
+        return [f"no place was seen twice on {way[-1]:.0f} m: the overall shape of the map is unverified"]
     return [
         f"no loop found although the path returns within {_RETURN_M:.0f} m of itself; the map may be double there"
     ]
 
 
-def warn_of_lost_scans(n_lost: int, n_scans: int) -> list[str]:
+def warn_of_bent_path(motion: F64, poses: F64, n_loops: int) -> list[str]:
+    """Whether the path turns otherwise than the odometry says, on the whole, and no loop tells which is right.
+
+    Parameters
+    ----------
+    motion : (n_scans, 3) float64
+        Calibrated odometry steps as of `corrected_motion`, NaN where they are missing or not believed.
+    poses : (n_scans, 3) float64
+        In the order of the sweeps.
+    n_loops : int
+    """
+    if n_loops:
+        return []
+    apart = wrap_angle(np.diff(poses[:, 2]) - motion[1:, 2])
+    bend = float(np.nansum(apart))
+    if abs(bend) <= _BENT_RAD:
+        return []
+    return [
+        f"heading of the map departs from the odometry's by {np.degrees(bend):+.0f} deg over the whole path, "
+        "and no loop tells which is right"
+    ]
+
+
+def warn_of_lost_scans(n_lost: int, n_scans: int, *, has_odometry: bool) -> list[str]:
     """Scans that fitted nowhere."""
     if n_lost == 0:
         return []
-    return [f"{n_lost} of {n_scans} scans fitted nowhere; their poses come from the odometry"]
+    source = _source(has_odometry=has_odometry)
+    return [f"{n_lost} of {n_scans} scans fitted nowhere; their poses come from {source}"]
+
+
+def _source(*, has_odometry: bool) -> str:
+    """What the path follows where the scans say nothing."""
+    return "the odometry" if has_odometry else "constant motion"
 
 
 def warn_of_contradictions(share: float) -> list[str]:
