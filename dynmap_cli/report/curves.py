@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from dynmap_cli.domain.patches import Visit
 
@@ -52,7 +53,7 @@ def draw_visits(visits: Sequence[Visit]) -> bytes:
     numbers = sorted({visit.submap_id for visit in visits})
     start_ns = min(visit.start_ns for visit in visits)
     end_s = max((visit.end_ns - start_ns) * 1e-9 for visit in visits)
-    figure = Figure(figsize=(8.0, 1.0 + 0.28 * len(numbers)), dpi=100, layout="constrained")
+    figure = Figure(figsize=(8.0, 1.4 + 0.28 * len(numbers)), dpi=100, layout="constrained")
     axes = figure.subplots()
     for row, number in enumerate(numbers):
         own = [visit for visit in visits if visit.submap_id == number]
@@ -66,7 +67,21 @@ def draw_visits(visits: Sequence[Visit]) -> bytes:
     axes.set_ylim(len(numbers) - 0.4, -0.6)
     axes.set_xlabel("seconds from the first visit")
     axes.set_ylabel("sub-map")
+    figure.legend(handles=_legend(visits), loc="outside upper left", ncols=6, frameon=False)
     return as_png(figure)
+
+
+def _legend(visits: Sequence[Visit]) -> list[Patch]:
+    """One entry per colour; from the ninth state on a colour stands for several."""
+    states = sorted({visit.patch for visit in visits if visit.patch is not None})
+    entries = []
+    for number, colour in enumerate(_COLOURS):
+        own = [str(state) for state in states if state % len(_COLOURS) == number]
+        if own:
+            entries.append(Patch(color=colour, label=f"state {', '.join(own)}"))
+    if any(visit.patch is None for visit in visits):
+        entries.append(Patch(color=_OPEN, label="none recognised"))
+    return entries
 
 
 def as_png(figure: Figure) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -42,7 +43,7 @@ def draw_rounds_of_map(
     for (title, _), grid in zip(titled, grids, strict=True):
         extra = np.argwhere((grid.cells == OCCUPIED) & ~walls)
         picture = MapPicture(grid, *_PANEL_PIXELS).draw(grid.frame.to_points(extra), nothing, ())
-        panels.append((f"{title}: {extra.shape[0]} cells too many", picture))
+        panels.append((f"{title}: {extra.shape[0]} cell{'s' * (extra.shape[0] != 1)} too many", picture))
     maps, curves = side_by_side(panels), Image.open(io.BytesIO(curves_png)).convert("RGB")
     sheet = Image.new(
         "RGB", (max(maps.width, curves.width), maps.height + _GAP_PIXELS + curves.height), (255, 255, 255)
@@ -54,15 +55,17 @@ def draw_rounds_of_map(
 
 def side_by_side(titled: Sequence[tuple[str, Image.Image]]) -> Image.Image:
     """Put pictures of one size beside one another, or below one another where they are wide, each under its title."""
+    font = font_of(_TITLE_PIXELS - 8)
     width, height = titled[0][1].size
     across = len(titled) if height > 0.6 * width else 1
     down = -(-len(titled) // across)
-    step_x, step_y = width + _GAP_PIXELS, height + _GAP_PIXELS + _TITLE_PIXELS
+    longest = max(math.ceil(font.getlength(title)) for title, _ in titled)
+    step_x, step_y = max(width, longest) + _GAP_PIXELS, height + _GAP_PIXELS + _TITLE_PIXELS
     sheet = Image.new("RGB", (across * step_x - _GAP_PIXELS, down * step_y - _GAP_PIXELS), (255, 255, 255))
     pen = ImageDraw.Draw(sheet)
     for number, (title, image) in enumerate(titled):
         left, top = number % across * step_x, number // across * step_y
-        pen.text((left, top + 2), title, fill=INK, font=font_of(_TITLE_PIXELS - 8))
+        pen.text((left, top + 2), title, fill=INK, font=font)
         sheet.paste(image, (left, top + _TITLE_PIXELS))
     return sheet
 

@@ -17,6 +17,7 @@ INK, _FREE, _UNKNOWN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
 _MOVED, _PATH, _SUBMAP, _CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
+_SCALE_PIXELS = 24
 _FULL_REFLECTANCE = 0.5
 
 
@@ -30,7 +31,7 @@ class MapPicture:
         rows, cols = grid.frame.shape
         self._zoom, reduce = (
             max(1, target_pixels // max(rows, cols)),
-            math.ceil(max(rows, cols) / most_pixels),
+            math.ceil(max(rows, cols) / (most_pixels - _SCALE_PIXELS)),
         )
         cells = _reduced(grid.cells, reduce)
         colours = np.full((*cells.shape, 3), _UNKNOWN, dtype=np.uint8)
@@ -62,8 +63,7 @@ class MapPicture:
             pen.line([tuple(point) for point in self._to_pixels(path_m).tolist()], fill=_PATH, width=2)
         for submap in submaps:
             self._draw_submap(pen, submap)
-        self._draw_scale(pen, height)
-        return image
+        return self._above_scale(image)
 
     def _to_pixels(self, points_m: F64) -> F64:
         """Points of the map frame in the picture, whose first row is on top."""
@@ -79,14 +79,19 @@ class MapPicture:
         pen.rectangle((left, top, right, bottom), outline=_SUBMAP, width=2)
         pen.text((right + 3, top - 2), str(submap.submap_id), fill=_SUBMAP, font=font_of(18))
 
-    def _draw_scale(self, pen: ImageDraw.ImageDraw, height: int) -> None:
-        """Draw a bar of 1, 2, 5, 10, ... metres."""
+    def _above_scale(self, image: Image.Image) -> Image.Image:
+        """Put a bar of 1, 2, 5, 10, ... metres with its length below the map."""
         longest_m = 0.25 * self._pixels.shape[1] / self._pixels_per_m
         decade = 10.0 ** math.floor(math.log10(longest_m))
         length_m = max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest_m)
-        y, right = height - 10, 10 + length_m * self._pixels_per_m
-        pen.line((10, y, right, y), fill=INK, width=3)
-        pen.text((10, y - 20), f"{length_m:g} m", fill=INK, font=font_of(14))
+        right, label, font = length_m * self._pixels_per_m, f"{length_m:g} m", font_of(14)
+        width = max(image.width, math.ceil(right + 8 + font.getlength(label)))
+        sheet = Image.new("RGB", (width, image.height + _SCALE_PIXELS), _FREE)
+        sheet.paste(image, (0, 0))
+        pen, y = ImageDraw.Draw(sheet), image.height + _SCALE_PIXELS // 2
+        pen.line((0, y, right, y), fill=INK, width=3)
+        pen.text((right + 8, y), label, fill=INK, font=font, anchor="lm")
+        return sheet
 
 
 def draw_states(patch_set: PatchSet) -> Image.Image:

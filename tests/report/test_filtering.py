@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
-from dynmap_cli.report.filtering import _in_one_frame, draw_filtered, draw_rounds_of_map
+from dynmap_cli.report.filtering import _in_one_frame, draw_filtered, draw_rounds_of_map, side_by_side
 
 ORANGE = (240, 128, 16)
 
@@ -47,6 +47,16 @@ def test_cells_that_fade_out_are_coloured():
     sheet = draw_rounds_of_map(titled, final, stream.getvalue())
     assert count(sheet, ORANGE) == 4
     assert count(sheet, (1, 2, 3)) == 800
+
+
+def test_a_title_is_wider_than_its_picture():
+    picture = Image.new("RGB", (20, 60), (255, 255, 255))
+    titles = [("a", "b"), ("a long title over a narrow picture", "b")]
+    short, long = (side_by_side([(title, picture) for title in pair]) for pair in titles)
+    assert long.width > short.width
+    last = side_by_side([("b", picture), ("a long title over a narrow picture", picture)])
+    assert (np.asarray(last)[:, -10:] == 255).all(axis=2).any()
+    assert last.width == long.width
 
 
 def test_a_wall_that_moves_by_one_cell_is_no_change():

@@ -22,6 +22,7 @@ from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import write_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import write_tum
+from dynmap_cli.report.curves import _legend
 from dynmap_cli.report.pictures import MapPicture
 from dynmap_cli.report.stage import run
 from dynmap_cli.stage import StageContext
@@ -155,11 +156,28 @@ def test_a_map_of_any_size_fits_on_a_page():
         assert max(image.size) <= 2400
 
 
+def test_the_scale_stands_below_the_map():
+    cells = np.full((200, 40), OCCUPIED, dtype=np.int8)
+    grid = OccupancyGrid(GridFrame(0.05, 0.0, 0.0, *cells.shape), cells)
+    image = np.asarray(MapPicture(grid).draw(np.empty((0, 2)), np.empty((0, 2)), ()))
+    assert (image[: 200 * 8, : 40 * 8] == 32).all()
+    below = image[200 * 8 :]
+    assert (below == 32).any()
+    assert (below == 255).any()
+
+
+def test_the_colours_of_states_are_named():
+    states = (9, 1, 3, None)
+    visits = [Visit(0, k, "a.mcap", k, k + 1, state, 1.0) for k, state in enumerate(states)]
+    assert [entry.get_label() for entry in _legend(visits)] == ["state 1, 9", "state 3", "none recognised"]
+    assert [entry.get_label() for entry in _legend(visits[1:2])] == ["state 1"]
+
+
 def test_a_removed_beam_is_orange_at_its_place():
     grid = small_grid()
     point = grid.frame.to_points(np.array([[40, 30]]))
     image = np.asarray(MapPicture(grid).draw(point, np.empty((0, 2)), ()))
-    zoom = image.shape[0] // 80
+    zoom = 1700 // 80
     row, col = (80 - 40) * zoom - zoom // 2, 30 * zoom + zoom // 2
     assert (
         np.abs(image[row - 3 : row + 4, col - 3 : col + 4].astype(int) - [240, 128, 16]).sum(axis=2) == 0
