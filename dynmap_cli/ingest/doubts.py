@@ -92,8 +92,9 @@ def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None
     gaps_s = np.diff(columns.stamps_ns[known]) * 1e-9
     jumps_m = steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s]
     if jumps_m.size:
+        often = "once" if jumps_m.size == 1 else f"{jumps_m.size} times"
         recording.warnings.append(
-            f"the odometry jumps {jumps_m.size} times between one scan and the next, by up to {jumps_m.max():.1f} m: "
+            f"the odometry jumps {often} between one scan and the next, by up to {jumps_m.max():.1f} m: "
             "it was reset or is damaged; pass --odom to choose another, or none"
         )
 

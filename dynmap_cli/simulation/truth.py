@@ -63,9 +63,10 @@ def summarize(run: SimulatedRun) -> dict[str, Any]:
     }
     length_m = Trajectory(log.stamps_ns, run.true_poses).length_m()
     changes = sum(thing.times_s.size - 1 for thing in run.objects)
+    often = "once" if changes == 1 else f"{changes} times"
     lines = [
         f"{log.n_scans} scans of {log.n_beams} beams in {seconds:.1f} s, {length_m:.1f} m driven",
-        f"{len(run.objects)} doors and boxes change state {changes} times, {run.movers} people and vehicles move",
+        f"{len(run.objects)} doors and boxes change state {often}, {run.movers} people and vehicles move",
     ]
     lines += [
         f"{100.0 * count / max(ended, 1):.2f} % of the end points are {name}"

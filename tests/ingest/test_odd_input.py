@@ -278,6 +278,17 @@ def test_odometry_that_jumps_is_said_with_numbers(tmp_path, step_m):
     assert f"jumps 19 times between one scan and the next, by up to {step_m:.1f} m" in report.warnings[0]
 
 
+class ResetOnce(World):
+    @property
+    def poses(self):
+        return super().poses + np.outer(np.arange(self.n_scans) >= 10, (1e4, 0.0, 0.0))
+
+
+def test_odometry_that_jumps_once(tmp_path):
+    _, report = read_world(tmp_path, ResetOnce(n_scans=N))
+    assert "the odometry jumps once between one scan and the next" in report.warnings[0]
+
+
 def test_a_laser_far_from_its_robot_is_refused(tmp_path):
     text = refusal(write_bag1(tmp_path / "a.bag", world_with(mounting=(1e5, 0, 0, 0, 0, 0, 1))))
     assert "/scan would sit 100000 m from the centre of the robot (at most 20 m)" in text
