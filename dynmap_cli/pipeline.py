@@ -18,7 +18,7 @@ import yaml
 from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
-from dynmap_cli.errors import ArtifactError, LogError
+from dynmap_cli.errors import ArtifactError, DynmapError, LogError
 from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.atomic import replacing, scratch_folder
 from dynmap_cli.files.lock import reading, writing
@@ -36,6 +36,7 @@ from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
 from dynmap_cli.report.stage import STAGE as REPORT
+from dynmap_cli.reruns import check_same_recordings, why_again
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
 from dynmap_cli.stage import Stage, StageContext
 
@@ -71,6 +72,7 @@ def build(
     config: Config,
     *,
     threads: int,
+    force: bool = False,
     force_from: str | None = None,
 ) -> list[StageResult]:
     """Run all stages on recordings; those whose inputs and settings did not change are skipped.
@@ -83,15 +85,24 @@ def build(
         Files or folders, in time order.
     config : Config
     threads : int
+    force : bool
+        Run every stage, and replace a run that was made from other recordings.
     force_from : str, optional
         Name of the first stage that is run in any case.
+
+    Raises
+    ------
+    ArtifactError
+        If the run was made from other recordings.
     """
     names = [stage.name for stage in STAGES]
-    forced = len(names) if force_from is None else names.index(force_from)
+    forced = 0 if force else len(names) if force_from is None else names.index(force_from)
     context = _context(run_dir, config, threads, tuple(recordings))
     _check_recordings(recordings)
     results = []
     with writing(run_dir):
+        if not force:
+            _keep_recordings(run_dir, recordings)
         for number, stage in enumerate(STAGES):
             results.append(run_stage(stage, context, force=number >= forced))
             _note_run(results[-1], run_dir, config)
@@ -111,6 +122,8 @@ def run_one(
         )
         raise ArtifactError(msg)
     with writing(run_dir):
+        if stage is INGEST and not force:
+            _keep_recordings(run_dir, recordings)
         result = run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=force)
         _note_run(result, run_dir, config)
     return result
@@ -147,6 +160,8 @@ def localize(
             locks.enter_context(reading(run_dir))
             _check_chain(run_dir, LOCALIZE)
         locks.enter_context(writing(out_dir))
+        if not force:
+            _keep_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, _context(out_dir, config, threads, tuple(recordings)), force=force)
         return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
 
@@ -196,9 +211,12 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
     settings = _settings_of(stage, context.config)
     done = None if force else read_manifest(folder, stage.name)
     inputs = _inputs_of(stage, context)
-    if done is not None and _is_up_to_date(done, settings, inputs, folder):
-        _log.info("%s: up to date", stage.name)
-        return StageResult(stage.name, ran=False, manifest=done, folder=folder)
+    if done is not None:
+        why = why_again(done, stage.section, settings, inputs, folder)
+        if not why:
+            _log.info("%s: up to date", stage.name)
+            return StageResult(stage.name, ran=False, manifest=done, folder=folder)
+        _log.info("%s: runs again, %s", stage.name, why)
     _log.info("%s: %s", stage.name, stage.title)
     started = time.process_time()
     with scratch_folder(folder / stage.name) as part:
@@ -265,12 +283,10 @@ def _settings_of(stage: Stage, config: Config) -> dict[str, Any]:
 def _inputs_of(stage: Stage, context: StageContext) -> dict[str, str]:
     """Digests of what a stage reads: of the recordings, or as the manifests of earlier stages state them."""
     if stage is INGEST:
-        return {str(path): _digest_of_recording(path) for path in context.recordings}
+        return _digests_of(context.recordings, LogError)
     inputs = _outputs_of(context.scans_dir, INGEST)
     if context.map_yaml is not None:
-        for path in (context.map_yaml, image_of(context.map_yaml)):
-            inputs[str(path)] = _digest_of_map(path)
-        return inputs
+        return inputs | _digests_of((context.map_yaml, image_of(context.map_yaml)), ArtifactError)
     if context.scans_dir == context.run_dir / INGEST.folder:
         _check_chain(context.run_dir, stage)
     for earlier in _read_by(stage):
@@ -335,32 +351,22 @@ def _check_recordings(recordings: Sequence[Path]) -> None:
         check_path(path)
 
 
-def _digest_of_recording(path: Path) -> str:
-    """Digest of a recording."""
-    try:
-        return sha256_of(path)
-    except OSError as err:
-        msg = f"{path}: cannot be read ({err.strerror})"
-        raise LogError(msg) from err
+def _keep_recordings(folder: Path, recordings: Sequence[Path]) -> None:
+    """Refuse other recordings than those that a folder was made from."""
+    done = read_manifest(folder / INGEST.folder, INGEST.name)
+    check_same_recordings(folder, done, _digests_of(recordings, LogError))
 
 
-def _digest_of_map(path: Path) -> str:
-    """Digest of a map_server YAML or of its image."""
-    try:
-        return sha256_of(path)
-    except OSError as err:
-        msg = f"{path}: cannot be read ({err.strerror})"
-        raise ArtifactError(msg) from err
-
-
-def _is_up_to_date(done: Manifest, settings: dict[str, Any], inputs: dict[str, str], folder: Path) -> bool:
-    """Whether a manifest describes what would be made now, and its files are still what it says."""
-    return (
-        done.settings == settings
-        and done.inputs == inputs
-        and done.dynmap_version == __version__
-        and damaged(folder, done) is None
-    )
+def _digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str]:
+    """Digest of each file or folder, by its path as given."""
+    digests = {}
+    for path in paths:
+        try:
+            digests[str(path)] = sha256_of(path)
+        except OSError as err:
+            msg = f"{path}: cannot be read ({err.strerror})"
+            raise error(msg) from err
+    return digests
 
 
 def _publish(part: Path, folder: Path, manifest: Manifest) -> None:

@@ -14,7 +14,7 @@ STAGE_NAMES = ("ingest", "map", "segment", "cluster", "report")
 @click.command("build")
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
-@click.option("--force", is_flag=True, help="Run every stage, also those that are up to date.")
+@click.option("--force", is_flag=True, help="Run every stage, and replace a RUN of other recordings.")
 @click.option(
     "--from", "force_from", type=click.Choice(STAGE_NAMES), help="Run this stage and all later ones."
 )
@@ -31,7 +31,8 @@ def command(
         recordings,
         shared.config,
         threads=shared.threads,
-        force_from=STAGE_NAMES[0] if force else force_from,
+        force=force,
+        force_from=force_from,
     )
     lines = [
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())

@@ -12,7 +12,9 @@ from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_o
 @click.command("ingest")
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
 @click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
-@click.option("--force", is_flag=True, help="Run also when up to date.")
+@click.option(
+    "--force", is_flag=True, help="Run also when up to date, and replace scans of other recordings."
+)
 @recording_options
 @shared_options
 def command(recordings: tuple[Path, ...], run_dir: Path, force: bool, shared: Shared) -> None:

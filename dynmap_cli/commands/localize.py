@@ -41,7 +41,9 @@ def _start_option(function: Function) -> Function:
 @click.option(
     "--map", "map_yaml", metavar="FILE.yaml", type=PATH, help="Localize in this map_server map, without RUN."
 )
-@click.option("--force", is_flag=True, help="Run also when up to date.")
+@click.option(
+    "--force", is_flag=True, help="Run also when up to date, and replace results of other recordings."
+)
 @recording_options
 @_start_option
 @shared_options

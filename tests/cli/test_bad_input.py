@@ -44,19 +44,19 @@ def test_a_missing_recording(refused, small, tmp_path):
 def test_an_empty_recording(refused, small, tmp_path, verb):
     empty = tmp_path / "empty.mcap"
     empty.touch()
-    assert "empty.mcap" in refused(RECORDING, *verb, empty, "-o", small.run_dir, "-q")
+    assert "empty.mcap" in refused(RECORDING, *verb, empty, "-o", small.run_dir, "--force", "-q")
 
 
 def test_a_folder_without_recordings(refused, small, tmp_path):
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "notes.txt").write_text("nothing here\n")
-    assert "logs" in refused(RECORDING, "build", tmp_path / "logs", "-o", small.run_dir, "-q")
+    assert "logs" in refused(RECORDING, "build", tmp_path / "logs", "-o", small.run_dir, "--force", "-q")
 
 
 @pytest.mark.real
 def test_a_bag_of_2008(refused, small, real_data):
     bag = real_data / "broken" / "rosrecord_v1.2.bag"
-    assert "rosrecord_v1.2.bag" in refused(RECORDING, "build", bag, "-o", small.run_dir, "-q")
+    assert "rosrecord_v1.2.bag" in refused(RECORDING, "build", bag, "-o", small.run_dir, "--force", "-q")
 
 
 def test_a_recording_without_a_laser(refused, small, tmp_path):
@@ -68,7 +68,7 @@ def test_a_recording_without_a_laser(refused, small, tmp_path):
     with Writer(tmp_path / "talk.bag") as writer:
         connection = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
         writer.write(connection, 1, store.serialize_ros1(text(data="hello"), "std_msgs/msg/String"))
-    line = refused(RECORDING, "build", tmp_path / "talk.bag", "-o", small.run_dir, "-q")
+    line = refused(RECORDING, "build", tmp_path / "talk.bag", "-o", small.run_dir, "--force", "-q")
     assert "talk.bag" in line
     assert "laser" in line.lower()
 
@@ -90,7 +90,7 @@ def test_a_truncated_recording_is_used_as_far_as_it_goes(small, tmp_path, kind):
 def test_a_recording_of_which_nothing_is_left(refused, small, tmp_path):
     short = tmp_path / "short.mcap"
     short.write_bytes(small.recording.read_bytes()[:200])
-    assert "short.mcap" in refused(RECORDING, "build", short, "-o", small.run_dir, "-q")
+    assert "short.mcap" in refused(RECORDING, "build", short, "-o", small.run_dir, "--force", "-q")
 
 
 def test_an_unknown_setting_names_the_nearest(refused, small, tmp_path):
@@ -222,7 +222,7 @@ def test_a_run_without_scans(refused, small, tmp_path):
 def test_stages_whose_input_is_of_other_scans(refused, small, tmp_path):
     other, scenario = tmp_path / "other.mcap", small.recording.parent / "room.yaml"
     for words in (("simulate", scenario, "-o", other, "--seed", 4), ("ingest", other, "-o", small.run_dir)):
-        assert run_dynmap(*words, "-q").exit_code == 0
+        assert run_dynmap(*words, "--force", "-q").exit_code == 0
     for verb in ("segment", "cluster", "localize"):
         line = refused(FILES, *words_of(verb, small, tmp_path))
         assert "map: made from another scans/" in line
