@@ -63,7 +63,7 @@ class Source:
     Attributes
     ----------
     name : str
-        As the operator knows it.
+        The path as the operator gave it: two recordings may have one file name.
     kind : str
         "carmen", "wean", "ros1", "ros2" (folder), "db3" or "mcap".
     path : Path
@@ -94,14 +94,14 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
     """
     check_path(path)
     if not path.is_dir():
-        return [_source_of_file(path, path.name, scratch, limit_bytes)]
+        return [_source_of_file(path, str(path), scratch, limit_bytes)]
     if (path / "metadata.yaml").is_file():
-        return [Source(path.resolve().name, "ros2", path)]
+        return [Source(str(path), "ros2", path)]
     files = sorted(inner for inner in path.iterdir() if inner.is_file() and _looks_like_recording(inner))
     if not files:
         msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}."
         raise LogError(msg)
-    return [_source_of_file(inner, inner.name, scratch, limit_bytes) for inner in files]
+    return [_source_of_file(inner, str(inner), scratch, limit_bytes) for inner in files]
 
 
 def check_path(path: Path) -> None:

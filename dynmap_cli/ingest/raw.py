@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import compress
+from pathlib import Path
 
 import numpy as np
 
@@ -164,7 +165,7 @@ class RawRecording:
     Attributes
     ----------
     name : str
-        File or folder name.
+        The path as the operator gave it, for messages.
     kind : str
         Format, in words.
     topics : list of Topic
@@ -187,6 +188,12 @@ class RawRecording:
     dropped: Counter[str] = field(default_factory=Counter)
     warnings: list[str] = field(default_factory=list)
     n_read: int = 0
+
+
+def file_name(name: str) -> str:
+    """Last part of a recording's path: what is written into results, which do not depend on where it lies."""
+    path = Path(name)
+    return path.name if path.name not in {"", ".."} else path.resolve().name
 
 
 def sorted_by_stamp(

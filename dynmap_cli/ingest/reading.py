@@ -43,7 +43,7 @@ from dynmap_cli.ingest.odometry import (
     find_odometry,
 )
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
-from dynmap_cli.ingest.raw import RawRecording
+from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport
 from dynmap_cli.ingest.salvage import read_salvaged
 from dynmap_cli.ingest.settings import IngestSettings
@@ -111,7 +111,9 @@ def merge_recordings(
         for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))
     ]
     poses = _drop_empty(columns, poses, joined)
-    log = _scan_log(columns, poses, bearings_rad, mountings, verdicts, names)
+    log = _scan_log(
+        columns, poses, bearings_rad, mountings, verdicts, tuple(file_name(name) for name in names)
+    )
     if follows_arrival:
         arrival = np.argsort(np.argsort(columns.reading_index, kind="stable"), kind="stable")
         log = replace(log, arrival_index=arrival.astype(np.int32))
@@ -311,7 +313,7 @@ def _report(
     span_s = float(log.stamps_ns[-1] - log.stamps_ns[0]) * 1e-9
     return IngestReport(
         recordings=tuple(
-            RecordingReport(found.name, found.kind, found.n_read, tuple(found.topics))
+            RecordingReport(file_name(found.name), found.kind, found.n_read, tuple(found.topics))
             for found in sorted(recordings, key=first_stamp_ns)
         ),
         lasers=tuple(_laser_report(choice, decided.get(id(choice))) for choice in choices),

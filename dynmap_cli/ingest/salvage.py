@@ -12,7 +12,7 @@ from dynmap_cli.ingest.bags import UnreadableBagError, damaged, decoding_failed,
 from dynmap_cli.ingest.db3_rows import db3_messages
 from dynmap_cli.ingest.mcap_records import mcap_messages
 from dynmap_cli.ingest.plausible import is_stamp
-from dynmap_cli.ingest.raw import RawRecording, Topic
+from dynmap_cli.ingest.raw import RawRecording, Topic, file_name
 from dynmap_cli.ingest.ros_messages import USED_TYPES, Message, take_messages
 from dynmap_cli.ingest.stored import Losses, StoredMessage
 
@@ -59,7 +59,7 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
     recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
     if losses.why:
-        recording.warnings.append(losses.line(name, kind, counts.total(), span.seconds))
+        recording.warnings.append(losses.line(file_name(name), kind, counts.total(), span.seconds))
     return recording
 
 

@@ -70,3 +70,21 @@ def test_the_stage_writes_scans_that_read_back_and_the_same_bytes_each_time(tmp_
     assert summary["lines"][0].startswith(
         "first.bag (ROS 1 bag), second.bag (ROS 1 bag): 24 scans over 2.3 s"
     )
+
+
+def test_recordings_of_one_file_name_are_told_apart(tmp_path):
+    paths = []
+    for folder in ("monday", "tuesday"):
+        (tmp_path / folder).mkdir()
+        paths.append(write_bag1(tmp_path / folder / "log.bag", World(n_scans=40)))
+    with pytest.raises(LogError, match="not parts of one drive") as caught:
+        read_recordings(paths, SETTINGS)
+    assert all(str(path) in str(caught.value) for path in paths)
+    assert read_recordings(paths[:1], SETTINGS)[0].recordings == ("log.bag",)
+
+
+def test_what_is_no_recording_is_named_by_its_path(tmp_path):
+    (tmp_path / "README.md").write_text("# not a log\n")
+    with pytest.raises(LogError) as caught:
+        read_recordings([tmp_path / "README.md"], SETTINGS)
+    assert str(caught.value).startswith(f"{tmp_path / 'README.md'}: not a known recording")
