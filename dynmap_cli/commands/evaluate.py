@@ -36,7 +36,7 @@ def output_options(function: Function) -> Function:
         "--seed", type=click.IntRange(0, MAX_SEED), default=0, help="Seed of the bootstrap (default 0)."
     )
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
-    @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
+    @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
     @functools.wraps(function)
     def wrapper(
         *args: Any, as_json: bool, plot_path: Path | None, seed: int, verbose: int, quiet: bool, **kwargs: Any

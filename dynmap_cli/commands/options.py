@@ -63,7 +63,7 @@ def shared_options(function: Function) -> Function:
     )
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
-    @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
+    @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
     @functools.wraps(function)
     def wrapper(
         *args: Any,
@@ -118,8 +118,8 @@ def recording_options(function: Function) -> Function:
 
 
 def set_up_logging(verbose: int, *, quiet: bool) -> None:
-    """Send log lines to stderr; -q leaves errors, -v adds details."""
-    level = logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO
+    """Send log lines to stderr; -q leaves warnings and errors, -v adds details."""
+    level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
     logger = logging.getLogger("dynmap_cli")
     logger.setLevel(level)
     logger.handlers.clear()

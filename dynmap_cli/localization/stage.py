@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,16 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import format_stamp, write_tum
 from dynmap_cli.localization.map_pool import MapPool, make_map_pool
+from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import HealthRow, Localization, StateRow, localize_log
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
-
-_log = logging.getLogger(__name__)
 
 STATES_HEADER = "stamp_s,submap,patch,probability"
 HEALTH_HEADER = (
@@ -29,6 +29,8 @@ HEALTH_HEADER = (
 VERDICTS = ("tracking", "changed", "lost")
 SURE = 0.8
 """A state counts as seen when its probability reaches this."""
+START_MARGIN_M = 5.0
+"""A robot may start where its map has no cells, but not far from them."""
 
 
 def run(context: StageContext) -> dict[str, Any]:
@@ -36,8 +38,7 @@ def run(context: StageContext) -> dict[str, Any]:
     settings = context.config.localization
     log = read_scan_log(context.scans_dir)
     grid, warnings = read_map(context.map_yaml or context.run_dir / "map" / "map.yaml")
-    for warning in warnings:
-        _log.warning("%s", warning)
+    _check_start(settings, grid)
     pool = make_map_pool(grid, _patch_sets(context), settings)
     with progress("localize", log.n_scans, "scans") as tick:
         found = localize_log(
@@ -48,7 +49,32 @@ def run(context: StageContext) -> dict[str, Any]:
     write_health(context.out_dir / "health.csv", found.health)
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
-    return summarize(found, pool)
+    summary = summarize(found, pool)
+    summary["lines"] += [f"warning: {sentence}" for sentence in (*warnings, *found.warnings)]
+    return summary
+
+
+def _check_start(settings: LocalizationSettings, grid: OccupancyGrid) -> None:
+    """Refuse a start pose that no robot in this map can have."""
+    if settings.start is None:
+        return
+    frame = grid.frame
+    x_m, y_m, _ = settings.start
+    left_m, low_m = frame.origin_x_m, frame.origin_y_m
+    rows, columns = grid.frame.shape
+    right_m = left_m + columns * frame.resolution_m
+    high_m = low_m + rows * frame.resolution_m
+    if (
+        left_m - START_MARGIN_M <= x_m <= right_m + START_MARGIN_M
+        and low_m - START_MARGIN_M <= y_m <= high_m + START_MARGIN_M
+    ):
+        return
+    msg = (
+        f"localization.start {x_m:g}, {y_m:g}: outside the map, which reaches from x = {left_m:.1f} to {right_m:.1f} m "
+        f"and from y = {low_m:.1f} to {high_m:.1f} m (at most {START_MARGIN_M:g} m beyond). "
+        "Give --start in the frame of the map, or leave it out to have the robot found."
+    )
+    raise ConfigError(msg)
 
 
 def write_states(path: Path, rows: Sequence[StateRow], pool: MapPool) -> None:
@@ -103,9 +129,10 @@ def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
         words.append(f"{100 * shares['changed']:.0f} % in changed surroundings")
     words.append(f"{100 * shares['lost']:.0f} % lost" if verdicts["lost"] else "never lost")
     if found.searches:
-        words.append(f"searched for in the whole map {len(found.searches)} times")
+        times = "once" if len(found.searches) == 1 else f"{len(found.searches)} times"
+        words.append(f"searched for in the whole map {times}")
     first_ns = int(found.trajectory.stamps_ns[0]) if n_scans else 0
-    lines = [f"{n_scans} of {n_scans} scans localized, {', '.join(words)}"]
+    lines = [f"{n_scans} scans: {', '.join(words)}"]
     lines += [
         f"sub-map {pool.submaps[number].submap_id}: {history}"
         for number in range(len(pool.submaps))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -32,8 +31,6 @@ from dynmap_cli.localization.states import (
 from dynmap_cli.localization.transitions import nearest_submaps, sample_states
 from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
-
-_log = logging.getLogger(__name__)
 
 WIDEST_SPREAD_M = 0.5
 """States are learned only while the particles agree this well on a place."""
@@ -96,6 +93,8 @@ class Localization:
         Stamps at which the robot was lost for so long that the whole map was searched for it.
     clouds : list of (stamp_ns, Particles)
         Weighted particles of every update; empty unless they are asked for.
+    warnings : list of str
+        What was left out, one sentence each.
     """
 
     trajectory: Trajectory
@@ -103,6 +102,7 @@ class Localization:
     health: list[HealthRow]
     searches: list[int]
     clouds: list[tuple[int, Particles]]
+    warnings: list[str]
 
 
 def localize_log(
@@ -125,14 +125,15 @@ def localize_log(
         If no scan has enough returns.
     """
     poses = np.full((log.n_scans, 3), np.nan)
-    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [], [])
+    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [], [], [])
     random = np.random.default_rng(seed)
     world = World(pool)
     with ThreadPoolExecutor(max_workers=max(threads, 1)) as executor:
         for scans in _recordings(log):
             first = next((scan for scan in scans.tolist() if is_usable(log, scan, settings)), None)
             if first is None:
-                _log.warning("%s: no scan has enough returns", log.recordings[log.recording_index[scans[0]]])
+                name = log.recordings[log.recording_index[scans[0]]]
+                result.warnings.append(f"{name}: no scan has enough returns")
                 continue
             if settings.start is not None and scans[0] == 0:
                 particles = given_start(np.array(settings.start), settings, random)

@@ -7,6 +7,7 @@ import pytest
 
 from dynmap_cli.config import Config
 from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.patch_archive import write_patches
 from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import write_scan_log
@@ -67,7 +68,7 @@ def test_trajectory_states_and_health_are_written(folders, simulated_run):
         assert row[7] in ("tracking", "changed", "lost")
     with np.load(folders / "out" / "particles.npz") as clouds:
         assert clouds["counts"].sum() == clouds["poses"].shape[0]
-    assert summary["lines"][0].startswith("60 of 60 scans localized, 100 % tracking, never lost")
+    assert summary["lines"][0].startswith("60 scans: 100 % tracking, never lost")
     assert summary["lines"][1].startswith("sub-map 0: state 0")
 
 
@@ -82,3 +83,17 @@ def test_a_map_server_map_needs_no_run(folders):
 def test_more_particles_at_least_than_at_most_is_refused():
     with pytest.raises(ValueError, match="min_particles 50 exceeds"):
         LocalizationSettings(min_particles=50, max_particles=20)
+
+
+def test_a_start_far_outside_the_map_is_refused(folders):
+    with pytest.raises(ConfigError, match=r"outside the map, which reaches from x = .* m and from y = .* m"):
+        run(context(folders, start=(500.0, 0.0, 0.0)))
+
+
+def test_a_map_that_is_read_otherwise_than_it_says_is_warned_of(folders):
+    path = folders / "map" / "map.yaml"
+    text = path.read_text()
+    path.write_text(text.replace("free_thresh: 0.196", "free_thresh: 0.25"))
+    found = run(replace(context(folders, path), run_dir=folders / "nowhere"))
+    path.write_text(text)
+    assert [line for line in found["lines"] if line.startswith("warning: ") and "free_thresh" in line]
