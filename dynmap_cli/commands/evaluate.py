@@ -184,7 +184,13 @@ def localization_command(
         score_localization(name, read_localized(out), read_truth(truth), learned, map_truth)
         for name, (out, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
     ]
-    return scores, plot_over_time, []
+    hints = []
+    if map_paths is None and not all(score.values["success"] for score in scores):
+        hints = [
+            "",
+            "Poses were taken to be in the frame of the truth; pass --map RUN TRUTH if the map has another.",
+        ]
+    return scores, plot_over_time, hints
 
 
 @command.command("map")

@@ -245,3 +245,11 @@ def test_the_readers_of_a_run_give_what_was_written(small):
     assert np.array_equal(read_tum(small.run_dir / "map" / "trajectory.tum").stamps_ns, log.stamps_ns)
     reflectance = read_counting_map(small.run_dir / "map" / "reflectance.npz").reflectance
     assert 0.5 < np.nanmax(reflectance) <= 1.0
+
+
+def test_evaluating_in_another_frame_hints_at_the_map(small, tmp_path):
+    truth, out = f"{small.recording}.truth", tmp_path / "out"
+    assert run_dynmap("localize", small.run_dir, small.recording, "-o", out, "-q").exit_code == 0
+    words = ("evaluate", "localization", out, truth)
+    assert "pass --map RUN TRUTH" in run_dynmap(*words).stdout
+    assert "pass --map RUN TRUTH" not in run_dynmap(*words, "--map", small.run_dir, truth).stdout
