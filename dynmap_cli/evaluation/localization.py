@@ -316,8 +316,7 @@ def _change_stamps(actual: Sequence[Configuration], stamps_ns: I64) -> I64:
 def _delays_s(stamps_ns: I64, is_right: B1, changes_ns: I64) -> list[float]:
     """Delay of each change that was in view before the next one; inf where it was not noticed until then."""
     delays = []
-    ends = np.append(changes_ns[1:], np.iinfo(np.int64).max)
-    for begin, end in zip(changes_ns.tolist(), ends.tolist(), strict=True):
+    for begin, end in itertools.pairwise([*changes_ns.tolist(), np.iinfo(np.int64).max]):
         seen = np.flatnonzero((stamps_ns >= begin) & (stamps_ns < end))
         if seen.size == 0:
             continue

@@ -34,7 +34,9 @@ def main(scans: Path, out: Path) -> None:
     slam = GraphSlam(Scan2DMatcherCpp(default_config), Scan2DMatcherCpp(default_config_loop, loop=True))
     step = float(bearings[1] - bearings[0])
     key_of, keys, last = np.empty(log.n_scans, dtype=int), [], None
-    for scan in range(log.n_scans):
+    # In the order in which the sweeps were made: some recordings have wrong stamps.
+    order = np.argsort(log.arrival_index, kind="stable")
+    for scan in order.tolist():
         moved = np.full(3, np.inf) if last is None else between(lasers[last], lasers[scan])
         if math.hypot(moved[0], moved[1]) >= KEY_M or abs(moved[2]) >= KEY_RAD:
             x, y, yaw = lasers[scan].tolist()
@@ -57,7 +59,7 @@ def main(scans: Path, out: Path) -> None:
         key_of[scan] = len(keys) - 1
     found = [key.corrected_pose for key in keys]
     corrected = np.array([[pose.x, pose.y, pose.euler[-1]] for pose in found])
-    firsts = np.searchsorted(key_of, np.arange(len(keys)))
+    firsts = order[np.searchsorted(key_of[order], np.arange(len(keys)))]
     poses = compose(corrected[key_of], between(lasers[firsts[key_of]], lasers))
     write_tum(out, Trajectory(log.stamps_ns, compose(poses, inverse(sensor))))
 

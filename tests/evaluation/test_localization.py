@@ -103,6 +103,17 @@ def test_a_belief_that_follows_late_has_a_delay():
     assert values["state_accuracy"] == pytest.approx((80 - 14) / 80)
 
 
+def test_where_nothing_changes_there_is_no_delay():
+    learned, truth = door()
+    stamps = truth.trajectory.stamps_ns
+    still = replace(truth, object_states=np.zeros_like(truth.object_states))
+    belief = Believed(stamps, np.zeros(80, np.int64), np.ones(80))
+    values = state_measures({0: belief}, still, learned, truth)
+    assert values["state_changes_in_view"] == 0
+    assert values["state_accuracy"] == 1.0
+    assert np.isnan(values["state_delay_median_s"])
+
+
 def test_weighted_error_matches_a_plain_sum():
     _, truth = door()
     draw = np.random.default_rng(1)
