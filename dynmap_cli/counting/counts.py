@@ -309,8 +309,9 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
             np.array(poses[part], dtype=np.float64),
             bounds,
         )
+    corners = bounds.reshape(2, 2) if known.size else known
     try:
-        return frame_around(bounds.reshape(2, 2)[: 2 * known.size], resolution_m, 2 * resolution_m)
+        return frame_around(corners, resolution_m, 2 * resolution_m)
     except ValueError as err:
         msg = (
             f"{', '.join(log.recordings)}: {err}. Check odometry, tf and --laser-pose with `dynmap info`, "

@@ -16,7 +16,7 @@ from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, Edges, join_edges, no_edges, optimise
-from dynmap_cli.mapping.repair import repair
+from dynmap_cli.mapping.repair import State, repair
 
 _CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
 _CHAIN_SHIFT_M, _CHAIN_TURN_RAD = 0.008, 0.003
@@ -85,9 +85,8 @@ def close_loops(
     maps = make_local_maps(sweeps, rays, front.twists, keys, front.poses[keys])
     anchors = anchors_of(maps)
     search = LoopSearch(maps, params)
-    anchor_poses = _close_rounds(search, front.poses[keys], anchors, note)
+    anchor_poses, contradictions, contradicting = _close_rounds(search, front.poses[keys], anchors, note)
     poses = _spread(anchors, anchor_poses, front.poses[keys])
-    contradictions, contradicting = search.contradictions(anchor_poses)
     closed = {(loop.fixed, loop.moved) for loop in search.loops}
     graph = Graph(
         keys,
@@ -132,8 +131,8 @@ def spread_to_scans(front: Registered, graph: Graph) -> F64:
     return _spread(graph.keys, graph.poses, front.poses)
 
 
-def _close_rounds(search: LoopSearch, key_poses: F64, anchors: I64, note: Callable[[str], None]) -> F64:
-    """Search loops in growing windows until nothing is new; returns the poses of the anchors, (n_maps, 3)."""
+def _close_rounds(search: LoopSearch, key_poses: F64, anchors: I64, note: Callable[[str], None]) -> State:
+    """Search loops in growing windows until nothing is new, and repair what contradicts itself then."""
     chain, numbers = _anchor_chain(key_poses, anchors), np.arange(anchors.size)
 
     def solve(loops: Sequence[Loop], start: F64) -> F64:

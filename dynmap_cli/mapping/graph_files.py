@@ -10,6 +10,7 @@ import numpy as np
 from dynmap_cli.arrays import I64
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.g2o import write_g2o
+from dynmap_cli.files.trajectory import format_stamp
 from dynmap_cli.mapping.back_end import Graph
 from dynmap_cli.mapping.pose_graph import residuals, squared_distances
 
@@ -62,11 +63,6 @@ def _write_loops(path: Path, stamps_ns: I64, rows: I64, graph: Graph) -> None:
     lines = [LOOPS_HEADER + "\n"]
     for fixed, moved, verdict, reason in sorted(found):
         first, second = rows[graph.anchors[fixed]], rows[graph.anchors[moved]]
-        stamps = f"{_seconds(stamps_ns[first])},{_seconds(stamps_ns[second])}"
+        stamps = f"{format_stamp(int(stamps_ns[first]))},{format_stamp(int(stamps_ns[second]))}"
         lines.append(f"{first},{second},{stamps},{verdict},{reason}\n")
     path.write_text("".join(lines), encoding="ascii")
-
-
-def _seconds(stamp_ns: np.int64) -> str:
-    whole, rest = divmod(int(stamp_ns), 10**9)
-    return f"{whole}.{rest:09d}"

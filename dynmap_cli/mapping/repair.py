@@ -16,9 +16,11 @@ _ATTEMPTS, _SUSPECTS = 6, 4
 
 Solve = Callable[[Sequence[Loop], F64], F64]
 """Poses of the anchors (n_maps, 3) that loops lead to, from a start."""
+State = tuple[F64, float, list[tuple[int, int]]]
+"""Poses of the anchors, share of places that contradict each other there, and which pairs do."""
 
 
-def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], None]) -> F64:
+def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], None]) -> State:
     """Make contradictions fewer; a map that does not contradict itself is left as it is.
 
     Agreement among loops is no proof of a right map, but contradiction in free space is one of a wrong map. Either a
@@ -36,7 +38,7 @@ def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], N
 
     Returns
     -------
-    (n_maps, 3) float64
+    State
     """
     share, bad = search.contradictions(poses)
     for _ in range(_ATTEMPTS):
@@ -49,15 +51,12 @@ def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], N
         if share >= before:
             break
         note(f"repair: contradictions fell from {100 * before:.0f} to {100 * share:.0f} %")
-    return poses
-
-
-_State = tuple[F64, float, list[tuple[int, int]]]
+    return poses, share, bad
 
 
 def _with_more(
     search: LoopSearch, poses: F64, share: float, bad: list[tuple[int, int]], solve: Solve
-) -> _State:
+) -> State:
     """Search the contradicting pairs in growing windows."""
     for window_m in WINDOWS_M[1:]:
         old = list(search.loops)
@@ -73,7 +72,7 @@ def _with_more(
 
 def _with_fewer(
     search: LoopSearch, poses: F64, share: float, bad: list[tuple[int, int]], solve: Solve
-) -> _State:
+) -> State:
     """Leave out the group of loops without which the contradictions are fewest."""
     best, best_out = (poses, share, bad), []
     for group in _suspects(search, poses, bad)[:_SUSPECTS]:

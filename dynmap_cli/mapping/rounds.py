@@ -235,7 +235,7 @@ class Registrar:
             return Calibration(sweep=sweep)
         first_pass = self._register(part, motion, _FIRST_PASS)
         is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
-        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & fixes_position(first_pass))
+        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass))
         # Steps from one laser to another show how well their poses agree, not how the robot moved.
         laser = self._rays.laser_index[part.geometry_index]
         main = laser == np.bincount(laser).argmax()
@@ -244,7 +244,7 @@ class Registrar:
             part.times_s[main],
             first_pass.poses[main],
             is_good[main],
-            fixes_position(first_pass)[main],
+            _fixes_position(first_pass)[main],
             reversible=reversible,
             in_seconds=not main.all(),
         )
@@ -279,7 +279,7 @@ def _few_are_dynamic(weights: F32 | None) -> bool:
     return int((weights < 0.5).sum()) < _FEW_DYNAMIC * int(ended.sum())
 
 
-def fixes_position(registered: Registered) -> B1:
+def _fixes_position(registered: Registered) -> B1:
     """(n_scans,) where the match knows both directions; along a bare corridor it knows one."""
     spread = np.linalg.eigvalsh(registered.information[:, :2, :2])
     return np.asarray(spread[:, 0] > 0.05 * np.maximum(spread[:, 1], 1e-9))

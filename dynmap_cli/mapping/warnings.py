@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.mapping.odometry import Calibration
-from dynmap_cli.mapping.wheel_faults import WheelFault
+from dynmap_cli.mapping.wheel_faults import WheelFault, runs
 
 WRONG_MAP = 0.06
 """Share of contradicting places above which a map is wrong; right maps stay under 0.024."""
@@ -73,11 +73,7 @@ def warn_of_corridors(poses: F64, information: F64, *, has_odometry: bool) -> li
     is_bare = (values[:, 0] < _BARE * values[:, 1]) & (values[:, 1] > 0.0)
     steps = np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2])
     along = np.abs(np.einsum("ni,ni->n", steps, vectors[:, :, 0])) * is_bare
-    edges = np.diff(np.concatenate([[0], is_bare.astype(np.int8), [0]]))
-    stretches = [
-        float(along[first:last].sum())
-        for first, last in zip(np.nonzero(edges == 1)[0], np.nonzero(edges == -1)[0], strict=True)
-    ]
+    stretches = [float(along[first:last].sum()) for first, last in runs(np.asarray(is_bare))]
     total = sum(length for length in stretches if length >= _CORRIDOR_M)
     if total == 0.0:
         return []

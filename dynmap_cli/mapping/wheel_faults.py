@@ -100,7 +100,7 @@ def suspicious_stops(motion: F64, times_s: F64, shares: F64) -> list[tuple[int, 
     """
     usual = float(np.median(shares))
     stops = []
-    for first, last in _runs(_is_still(motion)[1:]):
+    for first, last in runs(_is_still(motion)[1:]):
         is_long = last - first >= _FROZEN_STEPS and times_s[last] - times_s[first] >= _FROZEN_S
         if is_long and float(shares[first + 1 : last + 1].mean()) < usual - _WORSE_SHARE:
             stops.append(_steps_of_freeze(first, last, times_s.size))
@@ -141,7 +141,7 @@ def _frozen(
     motion: F64, times_s: F64, poses: F64, is_lost: B1
 ) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Stretches in which the odometry says nothing moves and the path does, and where in them it does."""
-    for first, last in _runs(_is_still(motion)[1:]):
+    for first, last in runs(_is_still(motion)[1:]):
         rows = np.arange(first, last + 1)
         rows = rows[~is_lost[rows]]
         if last - first < _FROZEN_STEPS or rows.size < _FROZEN_STEPS:
@@ -182,7 +182,7 @@ def _slipped(
     unknown = np.concatenate([[0], np.cumsum(is_lost | ~np.isfinite(motion).all(axis=1))])
     differs &= unknown[width + 1 :] == unknown[: -width - 1]
     spans = []
-    for first, last in _runs(differs):
+    for first, last in runs(differs):
         # A window differs as soon as a long slip enters it and until it leaves it; a short one is in all of them.
         entered, left = first + width - 1, last
         spans.append((entered, left) if entered < left else (last - 1, first + width))
@@ -207,7 +207,7 @@ def _travelled(poses: F64, width: int) -> F64:
     return np.asarray(way[width:] - way[:-width])
 
 
-def _runs(flags: B1) -> list[tuple[int, int]]:
+def runs(flags: B1) -> list[tuple[int, int]]:
     """First and one past the last of each run of true flags."""
     edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
     return list(zip(np.nonzero(edges == 1)[0].tolist(), np.nonzero(edges == -1)[0].tolist(), strict=True))

@@ -59,7 +59,7 @@ def test_a_right_map_is_left_as_it_is(ring):
     search, poses, solve = searched(ring)
     search.round(poses, 1.0)
     loops, said = list(search.loops), []
-    np.testing.assert_array_equal(repair(search, poses, solve, said.append), poses)
+    np.testing.assert_array_equal(repair(search, poses, solve, said.append)[0], poses)
     assert search.loops == loops
     assert said == []
 
@@ -76,7 +76,8 @@ def test_a_wrong_loop_is_outvoted_or_taken_out(ring, others_can_be_found):
     bent = solve(search.loops, true)
     before, _ = search.contradictions(bent)
     assert before > WRONG_MAP
-    repaired = repair(search, bent, solve, lambda _: None)
+    repaired, share, bad = repair(search, bent, solve, lambda _: None)
+    assert (share, bad) == search.contradictions(repaired)
     assert search.contradictions(repaired)[0] < before / 2
     assert np.abs(repaired - true)[:, :2].max() < 0.3
     if others_can_be_found:
