@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.poses import transform_points
@@ -42,6 +44,9 @@ class ScanLog:
     arrival_index : (n_scans,) int32
         Rank of a sweep in the order in which the sweeps were made. It differs from the order of the stamps
         only where the recording's clock is seen to jump about.
+    drive_of_recording : (n_recordings,) int32
+        Which drive each of *recordings* is a part of: ascending, without gaps. A drive has one start, and its
+        odometry runs through; between two drives nobody knows how the robot moved.
     """
 
     stamps_ns: I64
@@ -55,6 +60,7 @@ class ScanLog:
     recording_index: I32
     recordings: tuple[str, ...]
     arrival_index: I32 = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    drive_of_recording: I32 = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
     def __post_init__(self) -> None:
         """Check shapes and order against each other, and freeze the arrays."""
@@ -62,8 +68,11 @@ class ScanLog:
         n_geometries = self.sensor_poses.shape[0]
         if self.arrival_index.size == 0:
             object.__setattr__(self, "arrival_index", np.arange(n_scans, dtype=np.int32))
+        if self.drive_of_recording.size == 0:
+            object.__setattr__(self, "drive_of_recording", np.zeros(len(self.recordings), dtype=np.int32))
         expected = {
             "arrival_index": (n_scans,),
+            "drive_of_recording": (len(self.recordings),),
             "stamps_ns": (n_scans,),
             "odometry": (n_scans, 3),
             "geometry_index": (n_scans,),
@@ -106,6 +115,24 @@ class ScanLog:
         """(n_scans,) whether a sweep has an odometry pose."""
         return np.asarray(np.isfinite(self.odometry).all(axis=1))
 
+    @property
+    def n_drives(self) -> int:
+        """Number of drives, also of those of which no sweep is left."""
+        return int(self.drive_of_recording.max(initial=0)) + 1
+
+    @property
+    def drive_index(self) -> I32:
+        """(n_scans,) which drive a sweep belongs to."""
+        return np.asarray(self.drive_of_recording[self.recording_index])
+
+    def recordings_of(self, drive: int) -> tuple[str, ...]:
+        """Names of the recordings of one drive."""
+        return tuple(
+            name
+            for name, number in zip(self.recordings, self.drive_of_recording, strict=True)
+            if number == drive
+        )
+
     def select(self, scans: I64 | B1 | slice) -> ScanLog:
         """Keep some of the sweeps, in their order."""
         return replace(
@@ -144,6 +171,54 @@ def single_laser_log(
         recording_index=np.zeros(n_scans, dtype=np.int32),
         recordings=(recording,),
     )
+
+
+def join_drives(drives: Sequence[ScanLog]) -> ScanLog:
+    """Put the sweeps of several drives into one log, in time order; each keeps its own geometries."""
+    if len(drives) == 1:
+        return drives[0]
+    n_beams = max(log.n_beams for log in drives)
+    stamps = np.concatenate([log.stamps_ns for log in drives])
+    order = np.argsort(stamps, kind="stable")
+    made = np.concatenate(
+        _after_one_another([log.arrival_index for log in drives], [log.n_scans for log in drives])
+    )
+    geometries = [log.sensor_poses.shape[0] for log in drives]
+    return ScanLog(
+        stamps_ns=stamps[order],
+        ranges_m=np.concatenate([_widened(log.ranges_m, n_beams) for log in drives])[order],
+        odometry=np.concatenate([log.odometry for log in drives])[order],
+        geometry_index=np.concatenate(_after_one_another([log.geometry_index for log in drives], geometries))[
+            order
+        ],
+        bearings_rad=np.concatenate([_widened(log.bearings_rad, n_beams) for log in drives]),
+        sensor_poses=np.concatenate([log.sensor_poses for log in drives]),
+        range_limits_m=np.concatenate([log.range_limits_m for log in drives]),
+        beam_interval_s=np.concatenate([log.beam_interval_s for log in drives]),
+        recording_index=np.concatenate(
+            _after_one_another(
+                [log.recording_index for log in drives], [len(log.recordings) for log in drives]
+            )
+        )[order],
+        recordings=tuple(name for log in drives for name in log.recordings),
+        arrival_index=made[order],
+        drive_of_recording=np.concatenate(
+            _after_one_another([log.drive_of_recording for log in drives], [log.n_drives for log in drives])
+        ),
+    )
+
+
+def _after_one_another(numbers: Sequence[I32], sizes: Sequence[int]) -> list[I32]:
+    """Numbers of several tables as numbers of the table that has them one after another."""
+    before = np.concatenate([[0], np.cumsum(sizes)])
+    return [(part + first).astype(np.int32) for part, first in zip(numbers, before, strict=False)]
+
+
+def _widened(rows: NDArray[Any], n_beams: int) -> NDArray[Any]:
+    """(n, n_beams) the same rows, NaN where a beam is missing."""
+    result = np.full((rows.shape[0], n_beams), np.nan, dtype=rows.dtype)
+    result[:, : rows.shape[1]] = rows
+    return result
 
 
 def end_points(log: ScanLog, poses: F64, chosen: B1) -> F64:

@@ -24,6 +24,7 @@ _COLUMNS = {
     "beam_interval_s": Column("<f8", (None,)),
     "recording_index": Column("<i4", (None,)),
     "arrival_index": Column("<i4", (None,)),
+    "drive_of_recording": Column("<i4", (None,)),
 }
 SCAN_FILES = (*(f"scans/{name}.npy" for name in _COLUMNS), "scans/recordings.json")
 
@@ -66,6 +67,10 @@ def _check(columns: dict[str, Array], recordings: object) -> None:
         raise ValueError(msg)
     if not np.array_equal(np.sort(arrival), np.arange(arrival.size)):
         msg = "arrival_index does not rank the scans"
+        raise ValueError(msg)
+    drives = columns["drive_of_recording"]
+    if drives.size == 0 or drives[0] != 0 or not np.isin(np.diff(drives), (0, 1)).all():
+        msg = "drive_of_recording does not number the drives"
         raise ValueError(msg)
     for name, is_wrong in (
         ("sensor_poses", ~np.isfinite(columns["sensor_poses"])),

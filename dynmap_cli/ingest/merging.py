@@ -1,4 +1,4 @@
-"""Recordings of one drive -> one; sweeps of all used lasers -> columns in time order."""
+"""Recordings -> drives; those of one drive -> one; sweeps of all used lasers -> columns in time order."""
 
 from __future__ import annotations
 
@@ -15,27 +15,68 @@ from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransf
 
 _OVERLAP_S = 1.0
 _JUMP_M, _JUMP_M_PER_S = 1.0, 2.0
+_ORIGIN, _LEFT_ORIGIN_M = 0.01, 0.3
 _ABSURD_SWEEP = 2.0
 
 
-def join_recordings(recordings: Sequence[RawRecording], max_gap_s: float) -> RawRecording:
-    """Put recordings that continue one another into one, in the order of their first sweep.
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Recordings that continue one another.
 
-    Static transforms of all files serve all of them, since recorders write them into the first file only.
+    Attributes
+    ----------
+    recordings : tuple of RawRecording
+        In the order of their first sweep.
+    why_apart : str
+        Why it does not continue what was recorded before; "" for the first.
+    """
+
+    recordings: tuple[RawRecording, ...]
+    why_apart: str = ""
+
+    def split(self, first: int, why_apart: str) -> tuple[Drive, Drive]:
+        """The recordings before one, and those from it on as a drive of their own."""
+        return Drive(self.recordings[:first], self.why_apart), Drive(self.recordings[first:], why_apart)
+
+
+def find_drives(recordings: Sequence[RawRecording], max_gap_s: float) -> list[Drive]:
+    """Sort recordings by their first sweep, and put those that continue one another into one drive.
 
     Raises
     ------
     LogError
-        If they do not continue one another.
+        If two were made at the same time.
     """
     ordered = sorted(recordings, key=first_stamp_ns)
-    if len(ordered) == 1:
-        return ordered[0]
+    drives = [Drive((ordered[0],))]
     for earlier, later in pairwise(ordered):
-        _check_continues(earlier, later, max_gap_s)
-    joined = RawRecording(", ".join(recording.name for recording in ordered), ordered[0].kind)
-    for number, recording in enumerate(ordered):
-        _append(joined, recording, number)
+        why = _why_apart(earlier, later, max_gap_s)
+        if why:
+            drives.append(Drive((later,), why))
+        else:
+            drives[-1] = Drive((*drives[-1].recordings, later), drives[-1].why_apart)
+    return drives
+
+
+def join_recordings(drive: Drive, others: Sequence[Drive]) -> RawRecording:
+    """Put the recordings of a drive into one.
+
+    Static transforms of all files serve all of them, since recorders write them into the first file only; those of
+    other drives serve where a drive has none.
+    """
+    if len(drive.recordings) == 1:
+        joined = drive.recordings[0]
+    else:
+        joined = RawRecording(
+            ", ".join(recording.name for recording in drive.recordings), drive.recordings[0].kind
+        )
+        for number, recording in enumerate(drive.recordings):
+            _append(joined, recording, number)
+    for other in others:
+        for recording in other.recordings:
+            for pair, transform in recording.transforms.items():
+                if transform.is_static:
+                    joined.transforms.setdefault(pair, transform)
     return joined
 
 
@@ -49,29 +90,29 @@ def _last_stamp_ns(recording: RawRecording) -> int:
     return max(max(laser.stamps_ns) for laser in recording.lasers.values())
 
 
-def _check_continues(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> None:
-    """Refuse recordings of different drives or robots."""
+def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> str:
+    """Why a recording does not continue the one before; "" where it does.
+
+    Raises
+    ------
+    LogError
+        If they were made at the same time.
+    """
     gap_s = (first_stamp_ns(later) - _last_stamp_ns(earlier)) * 1e-9
+    if gap_s < -_OVERLAP_S:
+        msg = (
+            f"{earlier.name} and {later.name}: they overlap in time by {-gap_s:.1f} s. Recordings of one site are "
+            "made one after another; leave one of them out."
+        )
+        raise LogError(msg)
     frames = [
         {(laser.name, laser.frame) for laser in recording.lasers.values()} for recording in (earlier, later)
     ]
     if not frames[0] & frames[1]:
-        found = "they have no laser in common"
-    elif gap_s < -_OVERLAP_S:
-        found = f"they overlap in time by {-gap_s:.1f} s"
-    elif gap_s > max_gap_s:
-        found = f"{gap_s:.0f} s lie between them (at most {max_gap_s:.0f} s, ingest.max_gap_s)"
-    else:
-        return
-    raise not_one_drive(earlier.name, later.name, found)
-
-
-def not_one_drive(earlier: str, later: str, found: str) -> LogError:
-    """One line for recordings that do not continue one another."""
-    return LogError(
-        f"{earlier} and {later}: not parts of one drive, {found}. Recordings with different starts cannot be "
-        "merged yet; build them one by one."
-    )
+        return "no laser in common with the recording before"
+    if gap_s > max_gap_s:
+        return f"{gap_s:.0f} s after the recording before (at most {max_gap_s:.0f} s, ingest.max_gap_s)"
+    return ""
 
 
 def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
@@ -209,16 +250,23 @@ def period_s_of(stamps_ns: I64) -> float:
     return float(np.median(np.abs(np.diff(np.sort(stamps_ns))))) * 1e-9 if stamps_ns.size > 1 else 0.0
 
 
-def check_odometry_continues(
-    names: Sequence[str], recording_index: I32, stamps_ns: I64, odometry: F64
-) -> None:
-    """Refuse recordings between which the odometry jumps: it was restarted, so they have different start poses."""
+def find_restart(recording_index: I32, stamps_ns: I64, odometry: F64) -> tuple[int, str] | None:
+    """First recording of a drive in which the odometry was started anew, and how that was seen; None = nowhere.
+
+    Parameters
+    ----------
+    recording_index : (n,) int32
+        Which recording of the drive a sweep is from.
+    stamps_ns : (n,) int64
+    odometry : (n, 3) float64
+    """
     for row in np.flatnonzero(np.diff(recording_index) != 0):
-        step_m = float(np.hypot(*(odometry[row + 1, :2] - odometry[row, :2])))
+        before, after = odometry[row], odometry[row + 1]
+        step_m = float(np.hypot(*(after[:2] - before[:2])))
         gap_s = float(stamps_ns[row + 1] - stamps_ns[row]) * 1e-9
         if step_m > _JUMP_M + _JUMP_M_PER_S * gap_s:
-            raise not_one_drive(
-                names[recording_index[row]],
-                names[recording_index[row + 1]],
-                f"the odometry jumps by {step_m:.1f} m between them",
-            )
+            return int(recording_index[row + 1]), f"the odometry jumps by {step_m:.1f} m before it"
+        starts_at_origin = bool(np.abs(after).max() < _ORIGIN)
+        if starts_at_origin and step_m > _LEFT_ORIGIN_M:
+            return int(recording_index[row + 1]), "its odometry starts at the origin again"
+    return None

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import compose
-from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
 from dynmap_cli.ingest.carmen import read_carmen
@@ -30,9 +30,10 @@ from dynmap_cli.ingest.free_space import Sweeps
 from dynmap_cli.ingest.lasers import LaserChoice, choose_lasers, view_lasers
 from dynmap_cli.ingest.merging import (
     Columns,
-    check_odometry_continues,
+    Drive,
     columns_of,
-    first_stamp_ns,
+    find_drives,
+    find_restart,
     join_recordings,
     period_s_of,
 )
@@ -44,7 +45,7 @@ from dynmap_cli.ingest.odometry import (
 )
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
-from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport
+from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport, join_reports
 from dynmap_cli.ingest.salvage import read_salvaged
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.wean import read_wean
@@ -57,12 +58,12 @@ _IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=Fal
 
 
 def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[ScanLog, IngestReport]:
-    """Read recordings of one drive into scans.
+    """Read recordings into scans.
 
     Parameters
     ----------
     paths : sequence of Path
-        Files or folders; several must continue one another.
+        Files or folders. Those that continue one another are one drive; others are drives of their own.
     settings : IngestSettings
 
     Returns
@@ -85,8 +86,26 @@ def merge_recordings(
 ) -> tuple[ScanLog, IngestReport]:
     """Decide what is used of recordings that were loaded, and bring it into time order."""
     require_lasers(recordings)
-    joined = join_recordings(recordings, settings.max_gap_s)
-    names = tuple(recording.name for recording in sorted(recordings, key=first_stamp_ns))
+    waiting = find_drives(recordings, settings.max_gap_s)
+    drives = [*waiting]
+    merged: list[tuple[ScanLog, IngestReport]] = []
+    while waiting:
+        drive = waiting.pop(0)
+        log, report = _merge_drive(drive, drives, settings)
+        restart = find_restart(log.recording_index, log.stamps_ns, log.odometry)
+        if restart is None:
+            merged.append((log, report))
+        else:
+            waiting[:0] = drive.split(*restart)
+    return join_drives([log for log, _ in merged]), join_reports([report for _, report in merged])
+
+
+def _merge_drive(
+    drive: Drive, drives: Sequence[Drive], settings: IngestSettings
+) -> tuple[ScanLog, IngestReport]:
+    """Decide what is used of the recordings of one drive, and bring it into time order."""
+    joined = join_recordings(drive, drives)
+    names = tuple(recording.name for recording in drive.recordings)
     tree = FrameTree({pair: make_edge(raw) for pair, raw in joined.transforms.items()})
     base = find_base(joined, tree, settings)
     choices = _chosen_lasers(joined, tree, base, settings)
@@ -102,7 +121,6 @@ def merge_recordings(
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
     follows_arrival = stamps_jump(columns, out_of_order, joined)
-    check_odometry_continues(names, columns.recording_index, columns.stamps_ns, poses)
     bearings_rad = _bearing_table(columns, mountings)
     verdicts = [
         _rewrite_ranges(
@@ -117,9 +135,7 @@ def merge_recordings(
     if follows_arrival:
         arrival = np.argsort(np.argsort(columns.reading_index, kind="stable"), kind="stable")
         log = replace(log, arrival_index=arrival.astype(np.int32))
-    report = _report(
-        recordings, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree
-    )
+    report = _report(drive, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree)
     return log, report
 
 
@@ -294,7 +310,7 @@ def _scan_log(
 
 
 def _report(
-    recordings: Sequence[RawRecording],
+    drive: Drive,
     joined: RawRecording,
     choices: Sequence[LaserChoice],
     mountings: Sequence[Mounting],
@@ -314,7 +330,7 @@ def _report(
     return IngestReport(
         recordings=tuple(
             RecordingReport(file_name(found.name), found.kind, found.n_read, tuple(found.topics))
-            for found in sorted(recordings, key=first_stamp_ns)
+            for found in drive.recordings
         ),
         lasers=tuple(_laser_report(choice, decided.get(id(choice))) for choice in choices),
         scans=log.n_scans,
@@ -332,6 +348,7 @@ def _report(
         scans_without_odometry=int(np.count_nonzero(~log.has_odometry)),
         dropped=dict(joined.dropped),
         warnings=tuple(joined.warnings),
+        why_apart=drive.why_apart,
     )
 
 

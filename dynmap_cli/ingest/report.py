@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -98,6 +99,10 @@ class IngestReport:
     dropped : mapping of str to int
         Messages, lines or sweeps left out, by reason.
     warnings : tuple of str
+    why_apart : str
+        Why this drive does not continue what was recorded before; "" for the first.
+    drives : tuple of IngestReport
+        One of each drive, where there are several; what stands above is then of all of them.
     """
 
     recordings: tuple[RecordingReport, ...]
@@ -117,15 +122,20 @@ class IngestReport:
     scans_without_odometry: int
     dropped: Mapping[str, int]
     warnings: tuple[str, ...]
+    why_apart: str = ""
+    drives: tuple[IngestReport, ...] = ()
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and words, with "lines" for people."""
-        return {**asdict(self), "dropped": dict(self.dropped), "lines": self.lines()}
+        return {**asdict(self), "lines": self.lines()}
 
     def lines(self) -> list[str]:
         """Sentences for people."""
+        if self.drives:
+            return [line for drive in self.drives for line in drive.lines()]
         names = ", ".join(f"{found.name} ({found.kind})" for found in self.recordings)
-        lines = [
+        lines = [f"a drive of its own: {self.why_apart}"] if self.why_apart else []
+        lines += [
             f"{names}: {self.scans} scans over {self.span_s:.1f} s, {self.rate_hz:.1f} per second",
             *(_laser_line(laser) for laser in self.lasers),
             self._odometry_line(),
@@ -148,6 +158,41 @@ class IngestReport:
             f"odometry: {self.odometry} ({self.odometry_why}), path {self.odometry_path_m:.1f} m, "
             f"longest gap {self.odometry_longest_gap_s:.2f} s"
         )
+
+
+def join_reports(drives: Sequence[IngestReport]) -> IngestReport:
+    """One report of several drives: sums, and the words of each."""
+    if len(drives) == 1:
+        return drives[0]
+    span_s = sum(drive.span_s for drive in drives)
+    dropped: Counter[str] = Counter()
+    for drive in drives:
+        dropped.update(drive.dropped)
+    return IngestReport(
+        recordings=tuple(found for drive in drives for found in drive.recordings),
+        lasers=tuple(laser for drive in drives for laser in drive.lasers),
+        scans=sum(drive.scans for drive in drives),
+        geometries=sum(drive.geometries for drive in drives),
+        span_s=round(span_s, 3),
+        rate_hz=round(sum(drive.scans - 1 for drive in drives) / span_s, 3) if span_s > 0 else 0.0,
+        out_of_order=sum(drive.out_of_order for drive in drives),
+        base_frame=_each(drive.base_frame for drive in drives),
+        frames=tuple(sorted({frame for drive in drives for frame in drive.frames})),
+        odometry=_each(drive.odometry for drive in drives),
+        odometry_why=_each(drive.odometry_why for drive in drives),
+        odometry_rejected=tuple(dict.fromkeys(name for drive in drives for name in drive.odometry_rejected)),
+        odometry_path_m=round(sum(drive.odometry_path_m for drive in drives), 3),
+        odometry_longest_gap_s=max(drive.odometry_longest_gap_s for drive in drives),
+        scans_without_odometry=sum(drive.scans_without_odometry for drive in drives),
+        dropped=dict(dropped),
+        warnings=tuple(warning for drive in drives for warning in drive.warnings),
+        drives=tuple(drives),
+    )
+
+
+def _each(words: Iterable[str]) -> str:
+    """What all drives have in common, or what each has."""
+    return "; ".join(dict.fromkeys(words))
 
 
 def _laser_line(laser: LaserReport) -> str:
