@@ -63,13 +63,14 @@ def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
 def twists_of(log: ScanLog, poses: F64) -> F64 | None:
     """Velocity (n_scans, 3) during each scan, robot frame, from the step to the next; None where no sweep takes time.
 
-    Zero where the next scan comes more than two seconds later, or has no pose.
+    Zero where the next scan comes more than two seconds later, is of another drive, or has no pose.
     """
     if log.n_scans < 2 or not (log.beam_interval_s != 0.0).any():
         return None
     elapsed_s = np.diff(log.stamps_ns)[:, None] / 1e9
     twists = np.zeros((log.n_scans, 3))
     usable = (elapsed_s > _SHORTEST_STEP_S) & (elapsed_s < _LONGEST_STEP_S)
+    usable &= (np.diff(log.drive_index) == 0)[:, None]
     np.divide(between(poses[:-1], poses[1:]), elapsed_s, out=twists[:-1], where=usable)
     return np.nan_to_num(twists)
 

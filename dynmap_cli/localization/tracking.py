@@ -114,10 +114,10 @@ def localize_log(
     threads: int = 1,
     tick: Tick = no_tick,
 ) -> Localization:
-    """Track pose and states through all recordings of a log.
+    """Track pose and states through all drives of a log.
 
-    Every recording starts anew, the first one at the given pose if there is one: between two recordings
-    a robot may have been carried anywhere. What was learned about states is kept, and grows old.
+    Every drive starts anew, the first one at the given pose if there is one: between two drives a robot may have been
+    carried anywhere. What was learned about states is kept, and grows old.
 
     Raises
     ------
@@ -129,11 +129,11 @@ def localize_log(
     random = np.random.default_rng(seed)
     world = World(pool)
     with ThreadPoolExecutor(max_workers=max(threads, 1)) as executor:
-        for scans in _recordings(log):
+        for scans in _drives(log):
             first = next((scan for scan in scans.tolist() if is_usable(log, scan, settings)), None)
             if first is None:
-                name = log.recordings[log.recording_index[scans[0]]]
-                result.warnings.append(f"{name}: no scan has enough returns")
+                names = ", ".join(log.recordings_of(int(log.drive_index[scans[0]])))
+                result.warnings.append(f"{names}: no scan has enough returns")
                 continue
             if settings.start is not None and scans[0] == 0:
                 particles = given_start(np.array(settings.start), settings, random)
@@ -150,7 +150,7 @@ def localize_log(
 
 
 class _Tracker:
-    """The filter on one recording."""
+    """The filter on one drive."""
 
     def __init__(
         self,
@@ -169,7 +169,7 @@ class _Tracker:
         self._velocity = np.zeros(3)
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
-        """Go through the scans of the recording; those before the first usable one are put in at the end."""
+        """Go through the scans of the drive; those before the first usable one are put in at the end."""
         poses = self._result.trajectory.poses
         updated = first
         for scan in range(first, int(scans[-1]) + 1):
@@ -343,10 +343,10 @@ def _window_table(pool: MapPool) -> I32:
     return table
 
 
-def _recordings(log: ScanLog) -> Iterator[I64]:
-    """Scans of each stretch that comes from one recording."""
+def _drives(log: ScanLog) -> Iterator[I64]:
+    """Scans of each stretch that comes from one drive."""
     if log.n_scans:
-        cuts = np.flatnonzero(np.diff(log.recording_index)) + 1
+        cuts = np.flatnonzero(np.diff(log.drive_index)) + 1
         yield from np.split(np.arange(log.n_scans), cuts)
 
 

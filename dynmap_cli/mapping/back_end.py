@@ -8,20 +8,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dynmap_cli.arrays import F64, I64
+from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.kernels.map_fits import MATCHED, RESIDUAL, SEEN
 from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
-from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, Edges, join_edges, no_edges, optimise
+from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, PLACED, Edges, join_edges, no_edges, optimise
 from dynmap_cli.mapping.repair import State, repair
 
 _CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
 _CHAIN_SHIFT_M, _CHAIN_TURN_RAD = 0.008, 0.003
 _LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
 _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
+_PLACED_SHIFT_M, _PLACED_TURN_RAD, _PLACED_WINDOW_M = 1.0, 0.1, 2.0
 _RESIDUAL_M = 0.1
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
 _DENSE_STEPS = 6
@@ -63,8 +64,34 @@ class Graph:
     contradicting: tuple[tuple[int, int], ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of several drives before loops between them are sought.
+
+    Attributes
+    ----------
+    key_poses : (n_keys, 3) float64
+        map_from_robot of the key scans of all drives.
+    loops : tuple of Loop
+        Within the drives.
+    rejected : dict of (int, int) to str
+    pairs : tuple of (int, int)
+        Local maps of different drives that probably show the same place.
+    """
+
+    key_poses: F64
+    loops: tuple[Loop, ...]
+    rejected: dict[tuple[int, int], str]
+    pairs: tuple[tuple[int, int], ...]
+
+
 def close_loops(
-    sweeps: Sweeps, rays: Rays, front: Registered, params: LoopParams, note: Callable[[str], None]
+    sweeps: Sweeps,
+    rays: Rays,
+    front: Registered,
+    params: LoopParams,
+    note: Callable[[str], None],
+    known: Known | None = None,
 ) -> Graph:
     """Build the graph of the key scans, find loops, and optimise.
 
@@ -77,16 +104,27 @@ def close_loops(
     params : LoopParams
     note : callable
         Told what was found, one sentence at a time.
+    known : Known, optional
+        Where the sweeps are of several drives.
     """
     keys = np.nonzero(front.is_key)[0].astype(np.int64)
+    drives = sweeps.drive_index[keys]
+    known = known or Known(front.poses[keys], (), {}, ())
     if keys.size < 3:
-        chain = _chain_edges(front.poses[keys])
+        chain = _chain_edges(front.poses[keys], drives)
         return Graph(keys, front.poses[keys], chain, np.ones(len(chain)))
     maps = make_local_maps(sweeps, rays, front.twists, keys, front.poses[keys])
     anchors = anchors_of(maps)
-    search = LoopSearch(maps, params)
-    anchor_poses, contradictions, contradicting = _close_rounds(search, front.poses[keys], anchors, note)
-    poses = _spread(anchors, anchor_poses, front.poses[keys])
+    search = LoopSearch(maps, params, drives[anchors], list(known.loops), dict(known.rejected))
+    fixed_edges = join_edges(
+        _anchor_chain(front.poses[keys], anchors, drives),
+        _placed_edges(known.key_poses[anchors], np.arange(anchors.size), drives[anchors]),
+    )
+    search.retry(list(known.pairs), known.key_poses[anchors], _PLACED_WINDOW_M)
+    anchor_poses, contradictions, contradicting = _close_rounds(
+        search, known.key_poses[anchors], fixed_edges, note
+    )
+    poses = _spread(anchors, anchor_poses, front.poses[keys], drives)
     closed = {(loop.fixed, loop.moved) for loop in search.loops}
     graph = Graph(
         keys,
@@ -121,22 +159,28 @@ def refine_graph(
     maps = maps or make_local_maps(sweeps, rays, front.twists, keys, graph.poses)
     anchors = anchors_of(maps)
     dense = _dense_edges(sweeps, rays, front.twists, keys, graph.poses, maps, anchors)
-    edges = join_edges(_chain_edges(front.poses[keys]), _loop_edges(graph.loops, anchors), dense)
+    drives = sweeps.drive_index[keys]
+    edges = join_edges(
+        _chain_edges(front.poses[keys], drives),
+        _loop_edges(graph.loops, anchors),
+        dense,
+        _placed_edges(graph.poses, anchors, drives),
+    )
     poses, weights = optimise(graph.poses, edges, _scales(edges), graduated=False, rounds=_DENSE_STEPS)
     return replace(graph, poses=poses, edges=edges, weights=weights)
 
 
-def spread_to_scans(front: Registered, graph: Graph) -> F64:
-    """Poses of all scans (n_scans, 3): between two key scans the correction is interpolated."""
-    return _spread(graph.keys, graph.poses, front.poses)
+def spread_to_scans(front: Registered, graph: Graph, drive_index: I32) -> F64:
+    """Poses of all scans (n_scans, 3): between two key scans of a drive the correction is interpolated."""
+    return _spread(graph.keys, graph.poses, front.poses, drive_index)
 
 
-def _close_rounds(search: LoopSearch, key_poses: F64, anchors: I64, note: Callable[[str], None]) -> State:
+def _close_rounds(search: LoopSearch, poses: F64, fixed_edges: Edges, note: Callable[[str], None]) -> State:
     """Search loops in growing windows until nothing is new, and repair what contradicts itself then."""
-    chain, numbers = _anchor_chain(key_poses, anchors), np.arange(anchors.size)
+    numbers = np.arange(poses.shape[0])
 
     def solve(loops: Sequence[Loop], start: F64) -> F64:
-        edges = join_edges(chain, _loop_edges(loops, numbers))
+        edges = join_edges(fixed_edges, _loop_edges(loops, numbers))
         return optimise(start, edges, _scales(edges))[0]
 
     def until_nothing_new(poses: F64) -> F64:
@@ -149,11 +193,12 @@ def _close_rounds(search: LoopSearch, key_poses: F64, anchors: I64, note: Callab
                 break
         return poses
 
-    return repair(search, until_nothing_new(key_poses[anchors]), solve, note)
+    start = solve(search.loops, poses) if search.loops else poses
+    return repair(search, until_nothing_new(start), solve, note)
 
 
-def _spread(nodes: I64, node_poses: F64, poses: F64) -> F64:
-    """Carry the correction of some poses over to those between them, interpolated.
+def _spread(nodes: I64, node_poses: F64, poses: F64, drives: I32) -> F64:
+    """Carry the correction of some poses over to those between them, interpolated within each drive.
 
     Parameters
     ----------
@@ -161,7 +206,21 @@ def _spread(nodes: I64, node_poses: F64, poses: F64) -> F64:
         Ascending rows of *poses* whose corrected pose is known.
     node_poses : (n, 3) float64
     poses : (m, 3) float64
+    drives : (m,) int32
+        Ascending.
     """
+    ends = np.searchsorted(drives, np.unique(drives), side="right")
+    parts = []
+    first = 0
+    for last in ends.tolist():
+        own = slice(*np.searchsorted(nodes, (first, last)).tolist())
+        parts.append(_spread_one(nodes[own] - first, node_poses[own], poses[first:last]))
+        first = last
+    return np.concatenate(parts)
+
+
+def _spread_one(nodes: I64, node_poses: F64, poses: F64) -> F64:
+    """`_spread` of one drive."""
     rows = np.arange(poses.shape[0])
     before = np.clip(np.searchsorted(nodes, rows, side="right") - 1, 0, nodes.size - 1)
     after = np.minimum(before + 1, nodes.size - 1)
@@ -179,27 +238,51 @@ def _spread(nodes: I64, node_poses: F64, poses: F64) -> F64:
 
 def _scales(edges: Edges) -> F64:
     """Scale of the robust kernel of each edge, standard deviations."""
-    return np.array([_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE])[edges.kind]
+    return np.array([_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE, np.inf])[edges.kind]
 
 
-def _chain_edges(key_poses: F64) -> Edges:
-    """Consecutive key scans, as the front end saw them."""
+def _chain_edges(key_poses: F64, drives: I32) -> Edges:
+    """Consecutive key scans of a drive, as the front end saw them."""
     measured, sigma_shift, sigma_turn = _chain_steps(key_poses)
-    numbers = np.arange(measured.shape[0], dtype=np.int64)
-    kind = np.full(numbers.size, CHAIN, dtype=np.uint8)
-    return Edges(numbers, numbers + 1, measured, _diagonal(sigma_shift, sigma_turn), kind)
+    return _chain(measured, _diagonal(sigma_shift, sigma_turn), drives)
 
 
-def _anchor_chain(key_poses: F64, anchors: I64) -> Edges:
+def _chain(measured: F64, information: F64, drives: I32) -> Edges:
+    """Edges between consecutive nodes, without those from one drive to the next."""
+    within = np.flatnonzero(np.diff(drives) == 0).astype(np.int64)
+    kind = np.full(within.size, CHAIN, dtype=np.uint8)
+    return Edges(within, within + 1, measured[within], information[within], kind)
+
+
+def _placed_edges(poses: F64, nodes: I64, drives: I32) -> Edges:
+    """From the first node of the first drive to that of each other: they hold together what loops do not.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    nodes : (k,) int64
+        Ascending; those that stand for the local maps.
+    drives : (n,) int32
+        Ascending.
+    """
+    _, first = np.unique(drives[nodes], return_index=True)
+    ends = nodes[first]
+    others = ends[1:]
+    start = np.full(others.size, ends[0], dtype=np.int64)
+    sigma = np.full(others.size, 1.0)
+    information = _diagonal(_PLACED_SHIFT_M * sigma, _PLACED_TURN_RAD * sigma)
+    measured = between(poses[start], poses[others])
+    return Edges(start, others, measured, information, np.full(others.size, PLACED, dtype=np.uint8))
+
+
+def _anchor_chain(key_poses: F64, anchors: I64, drives: I32) -> Edges:
     """Consecutive anchors, with the uncertainty of all key scans between them."""
     _, sigma_shift, sigma_turn = _chain_steps(key_poses)
     measured = between(key_poses[anchors[:-1]], key_poses[anchors[1:]])
     turn = np.sqrt(np.add.reduceat(sigma_turn**2, anchors[:-1]))
     length = np.linalg.norm(measured[:, :2], axis=1)
     shift = np.sqrt(np.add.reduceat(sigma_shift**2, anchors[:-1]) + (turn * length) ** 2 / 3.0)
-    numbers = np.arange(anchors.size - 1, dtype=np.int64)
-    kind = np.full(numbers.size, CHAIN, dtype=np.uint8)
-    return Edges(numbers, numbers + 1, measured, _diagonal(shift, turn), kind)
+    return _chain(measured, _diagonal(shift, turn), drives[anchors])
 
 
 def _chain_steps(key_poses: F64) -> tuple[F64, F64, F64]:

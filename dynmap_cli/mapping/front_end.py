@@ -90,6 +90,8 @@ class Sweeps:
     odometry : (n_scans, 3) float64
     times_s : (n_scans,) float64
         Ascending.
+    drive_index : (n_scans,) int32
+        Ascending.
     """
 
     ranges_m: F32
@@ -97,6 +99,7 @@ class Sweeps:
     geometry_index: I32
     odometry: F64
     times_s: F64
+    drive_index: I32
 
     @property
     def n_scans(self) -> int:
@@ -112,6 +115,7 @@ class Sweeps:
             self.geometry_index[rows],
             self.odometry[rows],
             self.times_s[rows],
+            self.drive_index[rows],
         )
 
 
@@ -125,6 +129,7 @@ def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
         geometry_index=np.array(log.geometry_index[order]),
         odometry=np.array(log.odometry[order]),
         times_s=times_of(log),
+        drive_index=np.array(log.drive_index[order]),
     )
 
 

@@ -16,7 +16,7 @@ from dynmap_cli.mapping.pose_graph import residuals, squared_distances
 
 EDGES_HEADER = "first,second,kind,shift_residual_m,turn_residual_rad,mahalanobis,weight"
 LOOPS_HEADER = "first,second,first_stamp_s,second_stamp_s,verdict,reason"
-_KINDS = ("chain", "loop", "dense")
+_KINDS = ("chain", "loop", "dense", "placed")
 
 
 def write_graph(folder: Path, log: ScanLog, graph: Graph) -> None:

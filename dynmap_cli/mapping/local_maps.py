@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I64, U8
+from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between
 from dynmap_cli.kernels.local_maps import (
@@ -81,7 +82,7 @@ class Fit:
 
 
 def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_poses: F64) -> list[LocalMap]:
-    """Collect a local map around every tenth key scan.
+    """Collect a local map around every tenth key scan of each drive.
 
     Parameters
     ----------
@@ -98,8 +99,7 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     points, normals = np.empty((_MAX_POINTS, 2), np.float32), np.empty((_MAX_POINTS, 2), np.float32)
     maps = []
     free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
-    for anchor in range(min(_EVERY // 2, keys.size - 1), keys.size, _EVERY):
-        members = np.arange(max(anchor - _MEMBERS, 0), min(anchor + _MEMBERS + 1, keys.size))
+    for anchor, members in _members(sweeps.drive_index[keys]):
         count = collect_local_map(
             sweeps.ranges_m,
             sweeps.weights,
@@ -120,6 +120,16 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
         packed = np.packbits(free, axis=1)
         maps.append(LocalMap(anchor, points[:count].copy(), normals[:count].copy(), packed))
     return maps
+
+
+def _members(drive_index: I32) -> Iterator[tuple[int, I64]]:
+    """The key scan in the middle of each local map, and the key scans in it; those of one drive only."""
+    first = 0
+    for size in np.bincount(drive_index).tolist():
+        last = first + size
+        for anchor in range(min(first + _EVERY // 2, last - 1), last, _EVERY) if size else ():
+            yield anchor, np.arange(max(anchor - _MEMBERS, first), min(anchor + _MEMBERS + 1, last))
+        first = last
 
 
 def anchors_of(maps: list[LocalMap]) -> I64:

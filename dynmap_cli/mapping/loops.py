@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from dynmap_cli.arrays import F64
+from dynmap_cli.arrays import F64, I32
 from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
 from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
 
@@ -88,10 +88,13 @@ class LoopSearch:
         Why the last try of a pair (fixed, moved) failed.
     banned : set of (int, int)
         Pairs that are not tried again.
+    drives : (n_maps,) int32
+        Which drive each map is of, ascending. Where there are several, only pairs of different drives are tried.
     """
 
     maps: list[LocalMap]
     params: LoopParams
+    drives: I32
     loops: list[Loop] = field(default_factory=list)
     rejected: dict[tuple[int, int], str] = field(default_factory=dict)
     banned: set[tuple[int, int]] = field(default_factory=set)
@@ -187,18 +190,21 @@ class LoopSearch:
         steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) + 0.3 * np.abs(
             wrap_angle(np.diff(poses[:, 2]))
         )
-        first = [*range(n_maps - 1), *(loop.fixed for loop in self.loops)]
-        second = [*range(1, n_maps), *(loop.moved for loop in self.loops)]
-        lengths = np.concatenate([steps + 0.2, np.full(len(self.loops), 1.0)])
+        within = np.flatnonzero(np.diff(self.drives) == 0)
+        first = [*within.tolist(), *(loop.fixed for loop in self.loops)]
+        second = [*(within + 1).tolist(), *(loop.moved for loop in self.loops)]
+        lengths = np.concatenate([steps[within] + 0.2, np.full(len(self.loops), 1.0)])
         return sparse.coo_matrix((lengths, (first, second)), shape=(n_maps, n_maps)).tocsr()
 
     def _partners(self, poses: F64, detours: F64, fixed: int, window_m: float) -> list[int]:
         """Earlier maps that may show the same place: near, far through the graph, spread over passes."""
         distance = np.linalg.norm(poses[:fixed, :2] - poses[fixed, :2], axis=1)
         uncertain = np.minimum(2.5 * self.params.drift_share * detours[fixed, :fixed], window_m)
-        allowed = (distance < self.params.overlap_m + uncertain) & (
-            detours[fixed, :fixed] > self.params.min_detour_m
-        )
+        allowed = distance < self.params.overlap_m + uncertain
+        if self.drives[-1] == 0:
+            allowed &= detours[fixed, :fixed] > self.params.min_detour_m
+        else:
+            allowed &= self.drives[:fixed] != self.drives[fixed]
         partners: list[int] = []
         for candidate in np.nonzero(allowed)[0][np.argsort(distance[allowed], kind="stable")]:
             if all(abs(int(candidate) - other) > 2 for other in partners):
@@ -214,7 +220,7 @@ class LoopSearch:
         if not fits:
             return None
         best = fits[0]
-        reason = self._why_not(best)
+        reason = why_not(best, self.params)
         if reason:
             self._reject(fixed, moved, reason)
             return None
@@ -229,19 +235,6 @@ class LoopSearch:
         best = _without_weak_direction(best)
         error = between(guess, best.pose)
         return Loop(fixed, moved, best, float(np.hypot(error[0], error[1])), abs(float(error[2])))
-
-    def _why_not(self, fit: Fit) -> str:
-        """What speaks against a fit; "" = nothing."""
-        params = self.params
-        if fit.seen < params.min_seen:
-            return "too little overlap"
-        if fit.matched_of_seen < params.min_matched_of_seen:
-            return "too few points match"
-        if fit.in_free > params.max_in_free:
-            return "points in free space"
-        if fit.residual_m > params.max_residual_m:
-            return "residual too large"
-        return ""
 
     def _both_ways(self, found: list[Loop]) -> list[Loop]:
         """Keep loops for which the fixed map does not stand in the moved one's free space either."""
@@ -264,6 +257,19 @@ class LoopSearch:
         if needed == 0:
             return True
         return sum(is_companion(loop, other, poses) for other in near.around(loop)) >= needed
+
+
+def why_not(fit: Fit, params: LoopParams) -> str:
+    """What speaks against a fit; "" = nothing."""
+    if fit.seen < params.min_seen:
+        return "too little overlap"
+    if fit.matched_of_seen < params.min_matched_of_seen:
+        return "too few points match"
+    if fit.in_free > params.max_in_free:
+        return "points in free space"
+    if fit.residual_m > params.max_residual_m:
+        return "residual too large"
+    return ""
 
 
 class _NearLoops:

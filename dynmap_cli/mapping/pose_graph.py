@@ -14,8 +14,8 @@ from scipy.sparse.linalg import splu
 from dynmap_cli.arrays import F64, I64, U8
 from dynmap_cli.domain.poses import between, wrap_angle
 
-CHAIN, LOOP, DENSE = 0, 1, 2
-"""Where an edge came from: consecutive key scans, two local maps, a key scan in a local map."""
+CHAIN, LOOP, DENSE, PLACED = 0, 1, 2, 3
+"""Where an edge came from: consecutive key scans, two local maps, a key scan in a local map, two drives."""
 
 _ANCHOR_WEIGHT = 1e10
 
@@ -33,7 +33,7 @@ class Edges:
     information : (m, 3, 3) float64
         Inverse covariance, in the frame of *first*.
     kind : (m,) uint8
-        CHAIN, LOOP or DENSE.
+        CHAIN, LOOP, DENSE or PLACED.
     """
 
     first: I64

@@ -17,9 +17,10 @@ from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping.back_end import Graph
-from dynmap_cli.mapping.front_end import Registered, times_of
+from dynmap_cli.mapping.front_end import times_of
 from dynmap_cli.mapping.graph_files import rejected_by_reason, write_graph
 from dynmap_cli.mapping.odometry import corrected_motion
+from dynmap_cli.mapping.registrar import Registrar
 from dynmap_cli.mapping.rounds import FilterMap, Round, build_filter_map
 from dynmap_cli.mapping.warnings import (
     warn_of_bent_path,
@@ -71,15 +72,11 @@ def _write_rounds(path: Path, rounds: tuple[Round, ...]) -> None:
     path.write_text("".join(lines), encoding="ascii")
 
 
-def _path_length_m(log: ScanLog, result: FilterMap) -> float:
-    """Distance travelled, along the order in which the sweeps were made."""
-    in_order = _in_order(log, result.trajectory.poses)[:, :2]
-    return float(np.linalg.norm(np.diff(in_order, axis=0), axis=1).sum())
-
-
-def _in_order(log: ScanLog, poses: F64) -> F64:
-    """(n_scans, 3) poses of the log in the order in which the sweeps were made."""
-    return np.asarray(poses[np.argsort(log.arrival_index, kind="stable")])
+def _path_length_m(log: ScanLog, poses: F64) -> float:
+    """Distance travelled in the drives, along the order in which the sweeps were made."""
+    order = np.argsort(log.arrival_index, kind="stable")
+    steps = np.linalg.norm(np.diff(poses[order, :2], axis=0), axis=1)
+    return float(steps[np.diff(log.drive_index[order]) == 0].sum())
 
 
 def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, Any]:
@@ -89,62 +86,77 @@ def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, 
     ended = int(np.isfinite(filtered.static_probability).sum())
     summary: dict[str, Any] = {
         "scans": log.n_scans,
-        "path_m": round(_path_length_m(log, result), 2),
+        "drives": log.n_drives,
+        "path_m": round(_path_length_m(log, result.trajectory.poses), 2),
         "rounds": len(result.rounds),
         "dynamic_share": round(filtered.dynamic_share, 5),
         "log_likelihood": round(filtered.log_likelihood, 3),
         "size_m": [round(frame.cols * frame.resolution_m, 2), round(frame.rows * frame.resolution_m, 2)],
-        "calibration": _rounded(asdict(result.calibration)),
     }
+    in_drives = f" in {log.n_drives} drives" if log.n_drives > 1 else ""
     lines = [
-        f"{log.n_scans} scans along {summary['path_m']:.1f} m, map of "
+        f"{log.n_scans} scans along {summary['path_m']:.1f} m{in_drives}, map of "
         f"{summary['size_m'][0]:.1f} m x {summary['size_m'][1]:.1f} m",
         f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves"
         + (", with those that the looks found" if with_looks else ""),
     ]
-    if result.front is not None and result.graph is not None:
-        found, said = _registration_summary(log, result.front, result.graph, result)
+    if result.graph is not None:
+        found, said = _registration_summary(log, result, result.graph)
         summary |= found
         lines += said
     return {**summary, "lines": lines}
 
 
-def _registration_summary(
-    log: ScanLog, front: Registered, graph: Graph, result: FilterMap
-) -> tuple[dict[str, Any], list[str]]:
+def _registration_summary(log: ScanLog, result: FilterMap, graph: Graph) -> tuple[dict[str, Any], list[str]]:
     """What became of odometry, scans and loops."""
-    rejected, n_lost = rejected_by_reason(graph), int(front.is_lost.sum())
+    rejected, n_loops = rejected_by_reason(graph), len(graph.loops)
     found = {
-        "lost_scans": n_lost,
-        "loops": len(graph.loops),
+        "lost_scans": sum(int(drive.front.is_lost.sum()) for drive in result.drives if drive.front),
+        "loops": n_loops,
         "rejected_loops": rejected,
         "contradictions": round(graph.contradictions, 4),
-        "wheel_faults": [_rounded(asdict(fault)) for fault in result.wheel_faults],
+        "calibrations": [_rounded(asdict(drive.calibration)) for drive in result.drives],
+        "wheel_faults": [_rounded(asdict(fault)) for drive in result.drives for fault in drive.wheel_faults],
     }
-    has_odometry, n_loops = bool(log.has_odometry.any()), len(graph.loops)
-    lines = [result.calibration.sentence()] if has_odometry else []
-    if result.calibration.sweep == "last to first":
-        lines.append("sweeps run from the last beam to the first")
+    lines: list[str] = []
+    warnings: list[str] = []
+    for number, drive in enumerate(result.drives):
+        whose = f"{', '.join(log.recordings_of(number))}: " if log.n_drives > 1 else ""
+        lines += [whose + sentence for sentence in _drive_lines(drive)]
+        poses = result.trajectory.poses[log.drive_index == number]
+        warnings += [whose + sentence for sentence in _drive_warnings(drive, poses, n_loops)]
     reasons = ", ".join(f"{count} {reason}" for reason, count in rejected.items())
     lines.append(
         f"{n_loops} loops closed, {len(graph.rejected)} rejected" + (f": {reasons}" if reasons else "")
     )
-    warnings = [
-        *warn_of_odometry(result.calibration),
-        *warn_of_wheels(result.wheel_faults),
-        *warn_of_corridors(front.poses, front.information, has_odometry=has_odometry),
-        *warn_of_missing_loops(graph.poses, n_loops),
-        *warn_of_bent_path(_believed_motion(log, result), _in_order(log, result.trajectory.poses), n_loops),
-        *warn_of_lost_scans(n_lost, log.n_scans, has_odometry=has_odometry),
-        *warn_of_contradictions(graph.contradictions),
-    ]
+    warnings += [*warn_of_missing_loops(graph.poses, n_loops), *warn_of_contradictions(graph.contradictions)]
     return found, lines + [f"warning: {sentence}" for sentence in warnings]
 
 
-def _believed_motion(log: ScanLog, result: FilterMap) -> F64:
-    """(n_scans, 3) calibrated steps of the odometry in the order of the sweeps, NaN where it is wrong or missing."""
-    motion = corrected_motion(_in_order(log, log.odometry), times_of(log), result.calibration)
-    return without_steps(motion, [fault.steps for fault in result.wheel_faults])
+def _drive_lines(drive: Registrar) -> list[str]:
+    """How the odometry and the sweeps of a drive are to be read."""
+    lines = [drive.calibration.sentence()] if drive.log.has_odometry.any() else []
+    if drive.calibration.sweep == "last to first":
+        lines.append("sweeps run from the last beam to the first")
+    return lines
+
+
+def _drive_warnings(drive: Registrar, poses: F64, n_loops: int) -> list[str]:
+    """What is doubtful about one drive, whose final poses (n_scans, 3) are given in the order of its log."""
+    if drive.front is None:
+        return []
+    log, front = drive.log, drive.front
+    has_odometry = bool(log.has_odometry.any())
+    order = np.argsort(log.arrival_index, kind="stable")
+    motion = corrected_motion(log.odometry[order], times_of(log), drive.calibration)
+    believed = without_steps(motion, [fault.steps for fault in drive.wheel_faults])
+    return [
+        *warn_of_odometry(drive.calibration),
+        *warn_of_wheels(drive.wheel_faults),
+        *warn_of_corridors(front.poses, front.information, has_odometry=has_odometry),
+        *warn_of_bent_path(believed, poses[order], n_loops),
+        *warn_of_lost_scans(int(front.is_lost.sum()), log.n_scans, has_odometry=has_odometry),
+    ]
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:

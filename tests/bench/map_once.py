@@ -20,21 +20,22 @@ from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
-from dynmap_cli.mapping import rounds
+from dynmap_cli.mapping import registrar, rounds, site
 from dynmap_cli.mapping.front_end import FrontEndParams
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.mapping.warnings import warn_of_odometry
 from tests.bench.perturbations import PERTURBATIONS
 
-PARTS = {
-    "register": "front end",
-    "close_loops": "loops, graph",
-    "refine_graph": "fitting poses",
-    "filter_beams": "counting, EM",
-    "filter_by_looks": "looks",
-}
-"""Functions that `mapping.rounds` calls, and what they are called in the tables."""
+PARTS = (
+    (registrar, "register", "front end"),
+    (registrar, "close_loops", "loops, graph"),
+    (site, "close_loops", "loops, graph"),
+    (site, "refine_graph", "fitting poses"),
+    (rounds, "filter_beams", "counting, EM"),
+    (rounds, "filter_by_looks", "looks"),
+)
+"""Which module calls which function, and what that is called in the tables."""
 CALIBRATION, REST = "calibration", "rest"
 
 
@@ -74,13 +75,13 @@ def main(scans_dir: Path, out_dir: Path) -> None:
     log = PERTURBATIONS[task["perturbation"]](read_scan_log(scans_dir))
     front, loops = FrontEndParams(**task["front"]), LoopParams(**task["loops"])
     with ExitStack() as stack:
-        for name, part in PARTS.items():
-            function = clock.timed(part, getattr(rounds, name))
-            stack.enter_context(patch.object(rounds, name, function))
-        calibrate = clock.timed(CALIBRATION, rounds.Registrar._calibrate)
-        stack.enter_context(patch.object(rounds.Registrar, "_calibrate", calibrate))
-        stack.enter_context(patch.object(rounds, "FrontEndParams", lambda: front))
-        stack.enter_context(patch.object(rounds, "LoopParams", lambda: loops))
+        for caller, name, part in PARTS:
+            stack.enter_context(patch.object(caller, name, clock.timed(part, getattr(caller, name))))
+        calibrate = clock.timed(CALIBRATION, registrar.Registrar._calibrate)
+        stack.enter_context(patch.object(registrar.Registrar, "_calibrate", calibrate))
+        stack.enter_context(patch.object(registrar, "FrontEndParams", lambda: front))
+        for caller in (registrar, site):
+            stack.enter_context(patch.object(caller, "LoopParams", lambda: loops))
         found = (_map if task["filtered"] else _register)(log, MapSettings(**task["map"]), clock, out_dir)
     (out_dir / "found.json").write_text(json.dumps({"scans": log.n_scans, "seconds": clock.seconds, **found}))
 
@@ -96,25 +97,25 @@ def _map(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) -> di
 def _register(log: ScanLog, settings: MapSettings, clock: Clock, out_dir: Path) -> dict[str, Any]:
     """Registration alone; no beam is filtered."""
 
-    def poses() -> tuple[rounds.Registrar, F64]:
-        registrar = rounds.Registrar(log, settings.model_copy(update={"max_rounds": 1}))
-        return registrar, registrar.poses(None, "once")
+    def poses() -> tuple[site.Site, F64]:
+        whole = site.Site(log, settings.model_copy(update={"max_rounds": 1}))
+        return whole, whole.poses(None, "once")
 
-    registrar, found = clock.timed(REST, poses)()
+    whole, found = clock.timed(REST, poses)()
     write_tum(out_dir / "trajectory.tum", Trajectory(log.stamps_ns, found))
-    return _registration(registrar)
+    return _registration(whole)
 
 
-def _registration(result: rounds.FilterMap | rounds.Registrar) -> dict[str, Any]:
+def _registration(result: rounds.FilterMap | site.Site) -> dict[str, Any]:
     """What registration says of itself."""
-    graph, calibration = result.graph, result.calibration
+    graph, (drive,) = result.graph, result.drives
     return {
         "keys": graph.keys.size if graph else 0,
         "loops": len(graph.loops) if graph else 0,
         "contradictions": graph.contradictions if graph else 0.0,
-        "lost_scans": int(result.front.is_lost.sum()) if result.front else 0,
-        "findings": [calibration.sentence(), *warn_of_odometry(calibration)],
-        "wheel_faults": len(result.wheel_faults),
+        "lost_scans": int(drive.front.is_lost.sum()) if drive.front else 0,
+        "findings": [drive.calibration.sentence(), *warn_of_odometry(drive.calibration)],
+        "wheel_faults": len(drive.wheel_faults),
     }
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.files.trajectory import read_tum
-from tests.bench.map_once import CALIBRATION, PARTS, REST
+from tests.bench.map_once import CALIBRATION, REST
 from tests.bench.mapped import Mapped, Variant, ate_m, ingested, mapped
 from tests.bench.tables import Row, Table, number
 from tests.bench.worlds import Bench, truth_folder
@@ -46,9 +46,9 @@ _SCENARIO = {
     "odometry": {"rate_hz": 20, "translation_scale": 1.01, "rotation_scale": 0.985, "bias_degpm": 0.3},
 }
 _COLUMNS = {
-    "front end": ("register",),
-    "loops, graph": ("close_loops", "refine_graph"),
-    "counting, EM": ("filter_beams", "filter_by_looks"),
+    "front end": ("front end",),
+    "loops, graph": ("loops, graph", "fitting poses"),
+    "counting, EM": ("counting, EM", "looks"),
 }
 
 
@@ -64,9 +64,7 @@ class Patrolled:
         """CPU milliseconds per scan of each part."""
         seconds = dict(self.outcome.found["seconds"])
         parts = {"reading": self.ingest_s}
-        parts |= {
-            column: sum(seconds.pop(PARTS[name], 0.0) for name in names) for column, names in _COLUMNS.items()
-        }
+        parts |= {column: sum(seconds.pop(name, 0.0) for name in names) for column, names in _COLUMNS.items()}
         parts["calibration"] = seconds.pop(CALIBRATION, 0.0)
         parts["rest"] = seconds.pop(REST, 0.0)
         return {name: 1000.0 * value / self.truth.stamps_ns.size for name, value in parts.items()}

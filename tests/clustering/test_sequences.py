@@ -17,7 +17,12 @@ def drive(x_m, step_s=0.2, recording=None):
     stamps = np.round(np.arange(n) * step_s * 1e9).astype(np.int64)
     log = single_laser_log(stamps, np.ones((n, 1), np.float32), np.zeros(1), poses)
     if recording is not None:
-        log = replace(log, recording_index=np.asarray(recording, np.int32), recordings=("a", "b"))
+        log = replace(
+            log,
+            recording_index=np.asarray(recording, np.int32),
+            recordings=("a", "b"),
+            drive_of_recording=np.zeros(2, np.int32),
+        )
     return log, poses
 
 

@@ -101,11 +101,16 @@ def test_a_kidnapped_robot_is_lost_and_found_again(run):
     assert away_m.max() < 0.3
 
 
-def test_each_recording_starts_anew(run):
+def test_each_drive_starts_anew(run):
     cut = np.r_[0:75, 210:285]
     log = run.log.select(cut)
     index = np.repeat([0, 1], 75).astype(np.int32)
-    log = replace(log, recording_index=index, recordings=("a", "b"))
+    log = replace(
+        log,
+        recording_index=index,
+        recordings=("a", "b"),
+        drive_of_recording=np.array([0, 1], dtype=np.int32),
+    )
     found = localize(run, log=log)
     away_m, _ = pose_errors(found.trajectory.poses, run.true_poses[cut])
     assert np.quantile(away_m, 0.95) < 0.12

@@ -46,13 +46,14 @@ def searched(ring):
     _, sweeps, rays, poses = ring
     maps = make_local_maps(sweeps, rays, np.zeros_like(poses), np.arange(len(poses)), poses)
     anchors = anchors_of(maps)
-    chain, numbers = _anchor_chain(poses, anchors), np.arange(anchors.size)
+    drives = np.zeros(len(poses), dtype=np.int32)
+    chain, numbers = _anchor_chain(poses, anchors, drives), np.arange(anchors.size)
 
     def solve(loops, start):
         edges = join_edges(chain, _loop_edges(loops, numbers))
         return optimise(start, edges, _scales(edges))[0]
 
-    return LoopSearch(maps, LoopParams()), poses[anchors], solve
+    return LoopSearch(maps, LoopParams(), drives[anchors]), poses[anchors], solve
 
 
 def test_a_right_map_is_left_as_it_is(ring):

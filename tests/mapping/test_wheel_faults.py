@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, compose
-from dynmap_cli.mapping.rounds import Registrar
 from dynmap_cli.mapping.settings import MapSettings
+from dynmap_cli.mapping.site import Site
 from dynmap_cli.mapping.wheel_faults import find_wheel_faults, suspicious_stops, without_steps
 from dynmap_cli.simulation import parse_scenario, simulate
 
@@ -109,9 +109,9 @@ def test_registration_does_without_odometry_that_stands_still():
     steps = np.zeros_like(run.log.odometry)
     steps[1:] = between(run.log.odometry[:-1], run.log.odometry[1:])
     steps[(seconds >= 3.0) & (seconds < 8.0)] = 0.0
-    registrar = Registrar(replace(run.log, odometry=chained(steps)), MapSettings(max_rounds=1))
-    poses = registrar.poses(None, "")
-    (fault,) = registrar.wheel_faults
+    site = Site(replace(run.log, odometry=chained(steps)), MapSettings(max_rounds=1))
+    poses = site.poses(None, "")
+    (fault,) = site.drives[0].wheel_faults
     assert fault.is_frozen
     assert abs(fault.start_s - 3.0) < 0.5
     assert abs(fault.end_s - 8.0) < 0.5
@@ -129,7 +129,7 @@ def test_along_a_bare_corridor_the_path_is_as_long_as_the_odometry_says():
             }
         )
     )
-    poses = Registrar(run.log, MapSettings(max_rounds=1)).poses(None, "")
+    poses = Site(run.log, MapSettings(max_rounds=1)).poses(None, "")
     # The first sweeps have only one another to fit on.
     paths = (poses, run.true_poses, run.log.odometry)
     poses, true, odometry = (between(path[10], path[10:]) for path in paths)

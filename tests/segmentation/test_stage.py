@@ -59,7 +59,9 @@ def test_windows_end_with_the_recording_and_after_their_time():
     assert windows[-1].stop == run.log.n_scans
     assert all(stamps[w][-1] - stamps[w][0] < 30e9 for w in windows)
     index = (np.arange(run.log.n_scans) >= 100).astype(np.int32)
-    two = replace(run.log, recording_index=index, recordings=("a", "b"))
+    two = replace(
+        run.log, recording_index=index, recordings=("a", "b"), drive_of_recording=np.zeros(2, np.int32)
+    )
     assert 100 in [w.start for w in time_windows(two, 30.0)]
     assert time_windows(run.log.select(slice(0, 0)), 30.0) == []
 

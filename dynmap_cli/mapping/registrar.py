@@ -1,0 +1,156 @@
+"""Registration of one drive: its odometry calibrated, its scans matched one after another, its loops closed."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.counting.counts import Rays, rays_of
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.mapping.back_end import Graph, close_loops
+from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register, sweeps_of
+from dynmap_cli.mapping.loops import LoopParams
+from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
+from dynmap_cli.mapping.wheel_faults import WheelFault, find_wheel_faults, suspicious_stops, without_steps
+from dynmap_cli.progress import Tick, progress
+
+_log = logging.getLogger(__name__)
+_CALIBRATION_SCANS = 4000
+_FIRST_PASS = Calibration(
+    turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
+)
+_GOOD_SHARE, _CLEAR_GAIN, _BETTER_SHARE = 0.7, 0.003, 0.05
+_SWEEP_SCANS = 1000
+_SCANS_BEFORE = 80
+_SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
+
+
+class Registrar:
+    """Registers the scans of one drive, again in every round, with the odometry calibrated once.
+
+    Attributes
+    ----------
+    log : ScanLog
+        The sweeps of the drive.
+    calibration : Calibration
+        Of the odometry.
+    graph : Graph or None
+        None before the first registration.
+    front : Registered or None
+        Likewise.
+    wheel_faults : tuple of WheelFault
+        Where the odometry was not believed.
+    """
+
+    def __init__(self, log: ScanLog, usable_range_m: float) -> None:
+        self.log = log
+        self.rays: Rays = rays_of(log, usable_range_m)
+        self._params = FrontEndParams()
+        self.calibration = Calibration()
+        self.graph: Graph | None = None
+        self.front: Registered | None = None
+        self.wheel_faults: tuple[WheelFault, ...] = ()
+        self._is_calibrated = False
+        self._wrong_wheels: list[tuple[int, ...]] | None = None
+
+    def register(self, weights: F32 | None, label: str) -> tuple[Registered, Graph]:
+        """Register all scans, with the beams weighted by e (Eq. 1.11), and close loops.
+
+        Parameters
+        ----------
+        weights : (n_scans, n_beams) float32 or None
+            In the order of the log.
+        label : str
+            For the progress bar.
+        """
+        sweeps = sweeps_of(self.log, weights)
+        if not self._is_calibrated:
+            self.calibration = self._calibrate(sweeps)
+            self._is_calibrated = True
+        motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
+        trusted = without_steps(motion, self._wrong_wheels or ())
+        with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
+            front = self._register(sweeps, trusted, self.calibration, tick)
+        if self._wrong_wheels is None:
+            self._wrong_wheels = self._find_wrong_wheels(sweeps, motion, front)
+            if self._wrong_wheels:
+                front = self._register(sweeps, without_steps(motion, self._wrong_wheels), self.calibration)
+        reversible = self.calibration.reversible
+        self.wheel_faults = tuple(
+            find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
+        )
+        self.front = front
+        self.graph = close_loops(sweeps, self.rays, front, LoopParams(), _log.debug)
+        return front, self.graph
+
+    def _find_wrong_wheels(self, sweeps: Sweeps, motion: F64, front: Registered) -> list[tuple[int, ...]]:
+        """Steps whose odometry seems wrong, and without which the scans fit clearly better."""
+        reversible = self.calibration.reversible
+        faults = find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
+        unsure = [fault.steps for fault in faults if fault.steps]
+        unsure += suspicious_stops(motion, sweeps.times_s, front.shares)
+        return [steps for steps in unsure if self._fits_better_without(steps, sweeps, motion)]
+
+    def _fits_better_without(self, steps: tuple[int, ...], sweeps: Sweeps, motion: F64) -> bool:
+        """Whether the scans of some steps fit clearly better without their odometry; tried on the scans around."""
+        first, last = max(min(steps) - _SCANS_BEFORE, 0), min(max(steps) + 1, sweeps.n_scans)
+        part, rows = sweeps.part(first, last), np.array(steps) - first
+        shares = [
+            float(self._register(part, each[first:last], self.calibration).shares[rows].mean())
+            for each in (motion, without_steps(motion, [steps]))
+        ]
+        return shares[1] - shares[0] > _BETTER_SHARE
+
+    def _calibrate(self, sweeps: Sweeps) -> Calibration:
+        """Match a first part of the recording with loose odometry and compare."""
+        part = sweeps.part(0, _CALIBRATION_SCANS)
+        motion = corrected_motion(part.odometry, part.times_s, Calibration())
+        sweep = self._find_sweep(part.part(0, _SWEEP_SCANS), motion[:_SWEEP_SCANS])
+        self.rays = replace(self.rays, beam_interval_s=_SWEEP_SIGNS[sweep] * self.rays.beam_interval_s)
+        if not np.isfinite(part.odometry).all(axis=1).any():
+            return Calibration(sweep=sweep)
+        first_pass = self._register(part, motion, _FIRST_PASS)
+        is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
+        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass))
+        # Steps from one laser to another show how well their poses agree, not how the robot moved.
+        laser = self.rays.laser_index[part.geometry_index]
+        main = laser == np.bincount(laser).argmax()
+        found = calibrate(
+            part.odometry[main],
+            part.times_s[main],
+            first_pass.poses[main],
+            is_good[main],
+            _fixes_position(first_pass)[main],
+            reversible=reversible,
+            in_seconds=not main.all(),
+        )
+        return replace(found, sweep=sweep)
+
+    def _find_sweep(self, part: Sweeps, motion: F64) -> str:
+        """In which order the beams of a sweep are made: the one with which the scans fit best."""
+        if not self.rays.beam_interval_s.any():
+            return "at once"
+        intervals = self.rays.beam_interval_s
+        shares = {}
+        for sweep, sign in _SWEEP_SIGNS.items():
+            self.rays = replace(self.rays, beam_interval_s=sign * intervals)
+            shares[sweep] = float(self._register(part, motion, _FIRST_PASS).shares.mean())
+        self.rays = replace(self.rays, beam_interval_s=intervals)
+        best = max(shares, key=lambda sweep: shares[sweep])
+        # Stamps and increments are to be believed unless the scans say otherwise.
+        return best if shares[best] > shares["first to last"] + _CLEAR_GAIN else "first to last"
+
+    def _register(
+        self, sweeps: Sweeps, motion: F64, calibration: Calibration, tick: Tick | None = None
+    ) -> Registered:
+        arguments = (sweeps, self.rays, motion, calibration, self._params)
+        return register(*arguments) if tick is None else register(*arguments, tick)
+
+
+def _fixes_position(registered: Registered) -> B1:
+    """(n_scans,) where the match knows both directions; along a bare corridor it knows one."""
+    spread = np.linalg.eigvalsh(registered.information[:, :2, :2])
+    return np.asarray(spread[:, 0] > 0.05 * np.maximum(spread[:, 1], 1e-9))
