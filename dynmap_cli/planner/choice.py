@@ -126,6 +126,8 @@ def _combined(kind: str, known: Sequence[Visit]) -> Choice:
     """All states together."""
     states = tuple(sorted({_patch(visit) for visit in known}))
     what = "free where any of them is free" if kind == OPEN else "occupied where any of them is occupied"
+    if len(states) == 1:
+        what = "the only one"
     span = f"{readable_time(known[0].start_ns)} to {readable_time(known[-1].end_ns)}"
     return Choice(states, known[-1].end_ns, f"{what}, seen in {_visits(len(known))} from {span}")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dynmap_cli.arrays import I8
-from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet, Visit
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.domain.times import readable_time
@@ -86,11 +86,17 @@ def _check_time(rule: StateRule, visits: Sequence[Visit]) -> None:
 
 
 def _state_cells(rule: StateRule, choice: Choice, patch_set: PatchSet) -> I8:
-    """(rows, cols) what is painted of a sub-map."""
+    """(rows, cols) what is painted of a sub-map: the cells that vary.
+
+    What is the same in all states is in the mean map, drawn from more beams than those of the visits.
+    """
     states = {patch.patch_id: patch.cells for patch in patch_set.patches}
     if rule.kind in (OPEN, UNION):
-        return combined(list(states.values()), FREE if rule.kind == OPEN else OCCUPIED)
-    return states[choice.states[0]]
+        cells = combined(list(states.values()), FREE if rule.kind == OPEN else OCCUPIED)
+    else:
+        cells = states[choice.states[0]]
+    cells[~patch_set.varying] = UNKNOWN
+    return cells
 
 
 def _row(submap: SubMap, choice: Choice, changed: int) -> dict[str, Any]:
@@ -113,8 +119,9 @@ def _line(row: dict[str, Any]) -> str:
         return f"{head}{row['why']}; the mean map stays"
     names = ", ".join(map(str, row["states"]))
     state = f"state{'s' * (len(row['states']) != 1)} {names}"
-    cells = f"{row['changed_cells']} cell{'s differ' if row['changed_cells'] != 1 else ' differs'}"
-    return f"{head}{state}, {row['why']}; {cells} from the mean map"
+    changed = row["changed_cells"]
+    cells = f"{changed} cell{'s differ' if changed != 1 else ' differs'} from" if changed else "as in"
+    return f"{head}{state}, {row['why']}; {cells} the mean map"
 
 
 def _write(out_dir: Path, grid: OccupancyGrid, mask: OccupancyGrid) -> None:
