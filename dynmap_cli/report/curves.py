@@ -119,9 +119,14 @@ class _Clock:
         return self._offsets[number] + (stamp_ns - self._starts[number]) * 1e-9
 
     def ticks(self) -> tuple[list[float], list[str]]:
-        """Where stretches start, and when that was; at most `_MOST_TICKS` of them."""
-        step = -(-len(self._starts) // _MOST_TICKS)
-        return self._offsets[::step], [readable_time(start) for start in self._starts[::step]]
+        """Where stretches start, and times in long ones; at most about `_MOST_TICKS`."""
+        step_ns = max(round(self.width / _MOST_TICKS * 1e9), 1)
+        stamps: list[int] = []
+        for start, end in zip(self._starts, self._ends, strict=True):
+            for stamp in range(start, max(end, start + 1), step_ns):
+                if not stamps or (self.at(stamp) - self.at(stamps[-1])) * 1e9 > 0.9 * step_ns:
+                    stamps.append(stamp)
+        return [self.at(stamp) for stamp in stamps], [readable_time(stamp) for stamp in stamps]
 
 
 def _colour(visit: Visit) -> str:
