@@ -1,11 +1,12 @@
 """dynmap: maps of places that change, from recorded robot logs.
 
 The rooms, in the order in which data flows: `cli` and `commands` turn words into calls, `pipeline` holds
-the floor plan (STAGES), then `ingest` (recordings -> scans), `mapping` (scans -> filtered map and
-trajectory), `segmentation` (map -> sub-maps), `clustering` (sub-maps -> patches) and `localization`.
-They share `counting` (the counting map and the EM filter), `kernels` (compiled arithmetic), `files` (what
-lies on disk between rooms) and `domain` (what is carried). `simulation`, `evaluation` and `report` are
-side rooms, each entered from one verb.
+the floor plan (STAGES) and `finished` what is read from a finished run, then `ingest` (recordings ->
+scans), `mapping` (scans -> filtered map and trajectory), `segmentation` (map -> sub-maps), `clustering`
+(sub-maps -> patches) and `localization`. They share `counting` (the counting map and the EM filter),
+`kernels` (compiled arithmetic), `files` (what lies on disk between rooms) and `domain` (what is carried).
+`simulation`, `evaluation`, `report`, `export` (recordings without what moves, for `clean`), `planner` (maps
+in a chosen state, for `export`) and `history` (for `timeline` and `explain`) are side rooms.
 """
 
 __version__ = "0.1.0"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import platform
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -143,9 +143,6 @@ def localize(
 
     The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
     """
-    if run_dir is not None and not run_dir.is_dir():
-        msg = f"{run_dir}: no such run directory. Run `dynmap build LOG -o {run_dir}` first."
-        raise ArtifactError(msg)
     if manifest_path(out_dir / MAP.folder, MAP.name).exists():
         msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
         raise ArtifactError(msg)
@@ -157,7 +154,7 @@ def localize(
     )
     with ExitStack() as locks:
         if run_dir is not None:
-            locks.enter_context(reading(run_dir))
+            locks.enter_context(finished_run(run_dir, ()))
             _check_chain(run_dir, LOCALIZE)
         locks.enter_context(writing(out_dir))
         if not force:
@@ -188,18 +185,24 @@ def clean(
             for stage in stages:
                 run_stage(stage, context, force=False)
         else:
-            if not run_dir.is_dir():
-                msg = (
-                    f"{run_dir}: no such run directory. Leave out --run to have the recordings mapped first."
-                )
-                raise ArtifactError(msg)
-            stack.enter_context(reading(run_dir))
-            for stage in stages:
-                _outputs_of(run_dir / stage.folder, stage)
-                _check_chain(run_dir, stage)
+            remedy = "Leave out --run to have the recordings mapped first."
+            stack.enter_context(finished_run(run_dir, stages, remedy))
         return clean_to_file(
             run_dir, recordings, out_path, config.ingest, keep_changing=keep_changing, is_label=is_label
         )
+
+
+@contextmanager
+def finished_run(run_dir: Path, stages: Sequence[Stage], remedy: str = "") -> Iterator[None]:
+    """Hold a run for reading; these stages are done, from one another's files, which are as they were written."""
+    if not run_dir.is_dir():
+        msg = f"{run_dir}: no such run directory. {remedy or f'Run `dynmap build LOG -o {run_dir}` first.'}"
+        raise ArtifactError(msg)
+    with reading(run_dir):
+        for stage in stages:
+            _outputs_of(run_dir / stage.folder, stage)
+        _check_made(run_dir, stages)
+        yield
 
 
 def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path | None = None) -> StageResult:
@@ -325,8 +328,13 @@ def _check_chain(run_dir: Path, stage: Stage) -> None:
 
     A run whose scans were taken away to save space can still be localized in.
     """
+    _check_made(run_dir, _read_by(stage))
+
+
+def _check_made(run_dir: Path, stages: Sequence[Stage]) -> None:
+    """Refuse results of stages that were made from other files than those of the run."""
     done = {earlier: read_manifest(run_dir / earlier.folder, earlier.name) for earlier in _read_by(REPORT)}
-    for later in _read_by(stage):
+    for later in stages:
         made = done[later]
         for earlier in _read_by(later):
             source = done[earlier]

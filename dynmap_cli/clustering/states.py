@@ -63,11 +63,14 @@ class Labels:
     membership : (n,) float64
     remarks : tuple of str
         Why there is none.
+    bic : tuple of float
+        BIC of the models with 1, 2, ... clusters that were tried.
     """
 
     patch: I64
     membership: F64
     remarks: tuple[str, ...]
+    bic: tuple[float, ...] = ()
 
 
 def learn_states(
@@ -108,7 +111,8 @@ def learn_states(
         for k in range(int(labels.patch.max()) + 1)
     )
     stay = stay_probability(visits, len(patches))
-    return PatchSet(submap.submap_id, submap.frame, cells_that_vary(patches), patches, stay), visits
+    varying = cells_that_vary(patches)
+    return PatchSet(submap.submap_id, submap.frame, varying, patches, stay, labels.bic), visits
 
 
 def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
@@ -125,7 +129,8 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
     if not founds.any():
         return Labels(patch, membership, tuple(remarks))
     founders = Vectors(vectors.values[founds], vectors.component, vectors.n_components)
-    clusters = choose_clusters(founders, params.max_states, params.min_cells).clusters
+    model = choose_clusters(founders, params.max_states, params.min_cells)
+    clusters = model.clusters
     chosen = zip(clusters.memberships.argmax(axis=1), clusters.memberships.max(axis=1), strict=True)
     for visit, (k, share) in zip(np.flatnonzero(founds), chosen, strict=True):
         if largest_contradiction(vectors.values[visit], clusters.centers[k], vectors) >= params.min_cells:
@@ -137,7 +142,7 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
     for visit, k, share in zip(late, *assign(unsure, clusters, params.min_cells), strict=True):
         if k >= 0:
             patch[visit], membership[visit], remarks[visit] = k, share, ""
-    return Labels(_renumbered(patch), membership, tuple(remarks))
+    return Labels(_renumbered(patch), membership, tuple(remarks), model.bic)
 
 
 def _renumbered(patch: I64) -> I64:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+from dynmap_cli.commands.tables import table
 
 if TYPE_CHECKING:
     from dynmap_cli.ingest.raw import RawRecording
@@ -46,7 +47,7 @@ def command(recordings: tuple[Path, ...], shared: Shared) -> None:
 def _topic_lines(recording: RawRecording) -> list[str]:
     """Name, type and count of everything in a recording."""
     rows = [(topic.name, topic.kind, str(topic.count)) for topic in recording.topics]
-    return [f"{recording.name}: {recording.kind}", *_table(("topic", "type", "count"), rows), ""]
+    return [f"{recording.name}: {recording.kind}", *table(("topic", "type", "count"), rows), ""]
 
 
 def _laser_lines(lasers: Sequence[LaserReport]) -> list[str]:
@@ -78,7 +79,7 @@ def _laser_lines(lasers: Sequence[LaserReport]) -> list[str]:
             reach,
         )
         rows.append((*what, f"{laser.rate_hz:.1f}", *pose, "yes" if laser.used else "no"))
-    return [*_table(header, rows), ""]
+    return [*table(header, rows), ""]
 
 
 def _frame_lines(report: IngestReport) -> list[str]:
@@ -94,20 +95,3 @@ def _frame_lines(report: IngestReport) -> list[str]:
 def _why(report: IngestReport) -> list[str]:
     """The decisions, indented."""
     return [f"  {line}" for line in report.lines()]
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Columns of equal width, two blanks apart; numbers to the right."""
-    widths = [max(len(row[column]) for row in [header, *rows]) for column in range(len(header))]
-    is_number = [
-        all(row[column] == "-" or row[column].replace(".", "").lstrip("-").isdigit() for row in rows)
-        for column in range(len(header))
-    ]
-    return [
-        "  "
-        + "  ".join(
-            word.rjust(width) if number else word.ljust(width)
-            for word, width, number in zip(row, widths, is_number, strict=True)
-        ).rstrip()
-        for row in [header, *rows]
-    ]

@@ -91,6 +91,20 @@ def shared_options(function: Function) -> Function:
     return wrapper
 
 
+def reading_options(function: Function) -> Function:
+    """Add --json, -v and -q to a verb that reads a finished run; its settings are those the run was made with."""
+
+    @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
+    @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
+    @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
+    @functools.wraps(function)
+    def wrapper(*args: Any, verbose: int, quiet: bool, **kwargs: Any) -> None:
+        set_up_logging(verbose, quiet=quiet)
+        function(*args, **kwargs)
+
+    return wrapper
+
+
 def recording_options(function: Function) -> Function:
     """Add --scan-topic, --odom and --laser-pose, which stand for settings of the section `ingest`."""
 

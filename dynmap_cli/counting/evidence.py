@@ -48,6 +48,15 @@ class EvidenceParams:
     free_cells: float = 5.0
     support_cells: int = 1
 
+    def reach_cells(self, resolution_m: float) -> int:
+        """How far around a cell that lies which its evidence depends on."""
+        return self.support_cells + max(self.support_cells, _normal_radius(resolution_m))
+
+
+def _normal_radius(resolution_m: float) -> int:
+    """Cells from which the hits that give a normal come."""
+    return max(1, round(_NORMAL_RADIUS_M / resolution_m))
+
 
 @dataclass(frozen=True, slots=True)
 class SurfaceCells:
@@ -100,7 +109,7 @@ def surface_cells(
     index = np.full(frame.shape, -1, dtype=np.int32)
     index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
     normals = np.empty((cells.shape[0], 2))
-    radius = max(1, round(_NORMAL_RADIUS_M / frame.resolution_m))
+    radius = _normal_radius(frame.resolution_m)
     surface_normals(cells, hits, offset_x, offset_y, radius, _MAX_SPREAD_RATIO, normals)
     return SurfaceCells(frame, cells, index, _neighbours(cells, index, params.support_cells), normals)
 

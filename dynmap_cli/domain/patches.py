@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F32
-from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.arrays import B1, F32, I8
+from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame
 
-FREE_REFLECTANCE, VARYING_DIFFERENCE = 0.1, 0.25
+OCCUPIED_REFLECTANCE, FREE_REFLECTANCE = 0.2, 0.1
+"""A cell of a state is occupied from the first on, and free below the second; between them it is neither."""
+VARYING_DIFFERENCE = 0.25
 """A cell varies if it is free in one state and its reflectance higher by more than this in another."""
 
 
@@ -32,6 +34,14 @@ class Patch:
     support: int
     reflectance: F32
 
+    @property
+    def cells(self) -> I8:
+        """(rows, cols) OCCUPIED, FREE or UNKNOWN."""
+        cells = np.full(self.reflectance.shape, UNKNOWN, dtype=np.int8)
+        cells[self.reflectance >= OCCUPIED_REFLECTANCE] = OCCUPIED
+        cells[self.reflectance < FREE_REFLECTANCE] = FREE
+        return cells
+
 
 @dataclass(frozen=True, slots=True)
 class PatchSet:
@@ -47,6 +57,8 @@ class PatchSet:
     patches : tuple of Patch
     stay_probability : float
         Probability that the state is the same one minute later.
+    bic : tuple of float
+        BIC (Eq. 1.19) of the models with 1, 2, ... states that were tried; empty where there was nothing to choose.
     """
 
     submap_id: int
@@ -54,6 +66,7 @@ class PatchSet:
     varying: B1
     patches: tuple[Patch, ...]
     stay_probability: float
+    bic: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from dynmap_cli.arrays import F32
 from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
@@ -29,10 +28,10 @@ from dynmap_cli.files.damage import DAMAGE, reason
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json
 from dynmap_cli.files.manifest import FORMAT_VERSION
 from dynmap_cli.files.npy import Column, parse_npy
+from dynmap_cli.files.pgm import pgm_bytes
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
 
 _COLUMNS = ("submap", "sequence", "log", "start_s", "end_s", "patch", "membership")
-_OCCUPIED_REFLECTANCE, _FREE_REFLECTANCE = 0.2, 0.1
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -61,7 +60,7 @@ def write_patches(
         for number in sorted(by_id):
             for patch in by_id[number].patches:
                 pgm, npy = _names(number, patch.patch_id)
-                _add(archive, pgm, _pgm_bytes(patch.reflectance))
+                _add(archive, pgm, pgm_bytes(patch.cells))
                 _add(archive, npy, _npy_bytes(patch.reflectance))
         _add(archive, "sequences.csv", _csv_bytes(visits))
 
@@ -77,6 +76,7 @@ def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) 
         "size_cells": [frame.cols, frame.rows],
         "area_m2": round(submap.area_m2, 9),
         "stay_probability": patch_set.stay_probability if patch_set else None,
+        "bic": [round(value, 3) for value in patch_set.bic] if patch_set else [],
         "patches": [
             {"id": patch.patch_id, "support": patch.support, "pgm": pgm, "npy": npy}
             for patch, (pgm, npy) in zip(patches, names, strict=True)
@@ -102,16 +102,6 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     info.create_system = 3
     info.external_attr = 0o644 << 16
     archive.writestr(info, content)
-
-
-def _pgm_bytes(reflectance: F32) -> bytes:
-    """Picture of a patch."""
-    grey = np.full(reflectance.shape, 205, dtype=np.uint8)
-    grey[reflectance >= _OCCUPIED_REFLECTANCE] = 0
-    grey[reflectance < _FREE_REFLECTANCE] = 254
-    stream = io.BytesIO()
-    Image.fromarray(np.flipud(grey)).save(stream, format="PPM")
-    return stream.getvalue()
 
 
 def _npy_bytes(reflectance: F32) -> bytes:
@@ -204,7 +194,11 @@ def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> P
         for patch in entry["patches"]
     )
     frame = GridFrame(resolution, origin_x, origin_y, rows, cols)
-    return PatchSet(int(entry["id"]), frame, cells_that_vary(patches), patches, stay)
+    bic = tuple(float(value) for value in entry.get("bic", ()))
+    if not all(map(math.isfinite, bic)):
+        msg = f"bic {bic}"
+        raise ValueError(msg)
+    return PatchSet(int(entry["id"]), frame, cells_that_vary(patches), patches, stay, bic)
 
 
 class _Reader:

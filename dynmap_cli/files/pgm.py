@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from dynmap_cli.arrays import I8
 from dynmap_cli.domain.grid import FARTHEST_M, FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import reason
@@ -23,10 +25,7 @@ _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 def write_map(folder: Path, name: str, grid: OccupancyGrid) -> None:
     """Write `<name>.pgm` and `<name>.yaml` into *folder*; map_server and AMCL load them as they are."""
-    grey = np.full(grid.cells.shape, _GREY[UNKNOWN], dtype=np.uint8)
-    for value, level in _GREY.items():
-        grey[grid.cells == value] = level
-    Image.fromarray(np.flipud(grey)).save(folder / f"{name}.pgm")
+    (folder / f"{name}.pgm").write_bytes(pgm_bytes(grid.cells))
     frame = grid.frame
     (folder / f"{name}.yaml").write_text(
         f"image: {name}.pgm\nmode: trinary\nresolution: {frame.resolution_m:.10g}\n"
@@ -34,6 +33,16 @@ def write_map(folder: Path, name: str, grid: OccupancyGrid) -> None:
         f"occupied_thresh: {OCCUPIED_THRESH}\nfree_thresh: {FREE_THRESH}\n",
         encoding="ascii",
     )
+
+
+def pgm_bytes(cells: I8) -> bytes:
+    """Image of cells (rows, cols) that are OCCUPIED, FREE or UNKNOWN."""
+    grey = np.full(cells.shape, _GREY[UNKNOWN], dtype=np.uint8)
+    for value, level in _GREY.items():
+        grey[cells == value] = level
+    stream = io.BytesIO()
+    Image.fromarray(np.flipud(grey)).save(stream, format="PPM")
+    return stream.getvalue()
 
 
 def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,9 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from dynmap_cli.domain.patches import Visit
+from dynmap_cli.domain.times import readable_time
 
 _COLOURS = ("#2a6fb5", "#d9822b", "#3a9a5b", "#b03a6b", "#7a5fb0", "#8a6d3b", "#4fb3bf", "#c0b030")
 _OPEN = "#c8c8c8"
+_PAUSE_NS, _MOST_TICKS, _LEAST_WIDTH = 300 * 10**9, 12, 0.004
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,26 +53,85 @@ def draw_rounds(rows: Sequence[RoundRow]) -> bytes:
 
 
 def draw_visits(visits: Sequence[Visit]) -> bytes:
-    """Draw a row per sub-map and a bar per visit, coloured by the state it saw, grey where it stayed open; a PNG."""
+    """Draw a row per sub-map and a bar per visit, coloured by the state it saw, grey where it stayed open; a PNG.
+
+    A thin line joins visits that saw the same state, with no other between them. Pauses in which no sub-map was
+    visited are cut out.
+    """
     numbers = sorted({visit.submap_id for visit in visits})
-    start_ns = min(visit.start_ns for visit in visits)
-    end_s = max((visit.end_ns - start_ns) * 1e-9 for visit in visits)
-    figure = Figure(figsize=(8.0, 1.4 + 0.28 * len(numbers)), dpi=100, layout="constrained")
+    clock = _Clock(visits)
+    figure = Figure(figsize=(8.0, 1.6 + 0.28 * len(numbers)), dpi=100, layout="constrained")
     axes = figure.subplots()
     for row, number in enumerate(numbers):
-        own = [visit for visit in visits if visit.submap_id == number]
-        spans = [
-            ((visit.start_ns - start_ns) * 1e-9, max((visit.end_ns - visit.start_ns) * 1e-9, 0.003 * end_s))
-            for visit in own
-        ]
-        colours = [_OPEN if visit.patch is None else _COLOURS[visit.patch % len(_COLOURS)] for visit in own]
-        axes.broken_barh(spans, (row - 0.35, 0.7), facecolors=colours, edgecolor="white", linewidth=0.5)
+        own = sorted((v for v in visits if v.submap_id == number), key=lambda v: (v.start_ns, v.sequence))
+        spans = [(clock.at(visit.start_ns), clock.at(visit.end_ns)) for visit in own]
+        known = [visit for visit in own if visit.patch is not None]
+        for before, after in pairwise(known):
+            if before.patch == after.patch:
+                ends = [clock.at(before.end_ns), clock.at(after.start_ns)]
+                axes.plot(ends, [row, row], color=_colour(before), linewidth=1.5, solid_capstyle="butt")
+        axes.broken_barh(
+            [(start, max(end - start, _LEAST_WIDTH * clock.width)) for start, end in spans],
+            (row - 0.35, 0.7),
+            facecolors=[_colour(visit) for visit in own],
+            edgecolor="white",
+            linewidth=0.3,
+            zorder=3,
+        )
+    for edge in clock.cuts:
+        axes.axvline(edge, color="#a0a0a0", linewidth=0.8, linestyle=":", zorder=1)
     axes.set_yticks(range(len(numbers)), [str(number) for number in numbers])
     axes.set_ylim(len(numbers) - 0.4, -0.6)
-    axes.set_xlabel("seconds from the first visit")
+    if clock.cuts:
+        axes.set_xticks(*clock.ticks(), rotation=30, ha="right")
+    axes.set_xlabel(clock.label)
     axes.set_ylabel("sub-map")
-    figure.legend(handles=_legend(visits), loc="outside upper left", ncols=6, frameon=False)
+    if visits:
+        figure.legend(handles=_legend(visits), loc="outside upper left", ncols=6, frameon=False)
     return as_png(figure)
+
+
+class _Clock:
+    """Seconds of the figure: those from the first visit, without the pauses in which no sub-map was visited."""
+
+    def __init__(self, visits: Sequence[Visit]) -> None:
+        spans = sorted((visit.start_ns, visit.end_ns) for visit in visits)
+        self._starts, self._ends = [start for start, _ in spans[:1]], [end for _, end in spans[:1]]
+        for start, end in spans[1:]:
+            if start - self._ends[-1] > _PAUSE_NS:
+                self._starts.append(start)
+                self._ends.append(end)
+            self._ends[-1] = max(self._ends[-1], end)
+        lengths = [(end - start) * 1e-9 for start, end in zip(self._starts, self._ends, strict=True)]
+        gap = 0.02 * sum(lengths)
+        self._offsets = [sum(lengths[:number]) + number * gap for number in range(len(lengths))]
+        self.width = max(sum(lengths) + gap * max(len(lengths) - 1, 0), 1e-9)
+        self.cuts = [offset - 0.5 * gap for offset in self._offsets[1:]]
+        self.label = (
+            f"pauses of over {_PAUSE_NS // (60 * 10**9)} min are cut out"
+            if self.cuts
+            else "seconds from the first visit"
+        )
+
+    def at(self, stamp_ns: int) -> float:
+        """Place of a stamp, which lies in some visit."""
+        number = bisect_right(self._starts, stamp_ns) - 1
+        return self._offsets[number] + (stamp_ns - self._starts[number]) * 1e-9
+
+    def ticks(self) -> tuple[list[float], list[str]]:
+        """Where stretches start, and times in long ones; at most about `_MOST_TICKS`."""
+        step_ns = max(round(self.width / _MOST_TICKS * 1e9), 1)
+        stamps: list[int] = []
+        for start, end in zip(self._starts, self._ends, strict=True):
+            for stamp in range(start, max(end, start + 1), step_ns):
+                if not stamps or (self.at(stamp) - self.at(stamps[-1])) * 1e9 > 0.9 * step_ns:
+                    stamps.append(stamp)
+        return [self.at(stamp) for stamp in stamps], [readable_time(stamp) for stamp in stamps]
+
+
+def _colour(visit: Visit) -> str:
+    """Of the state that a visit saw."""
+    return _OPEN if visit.patch is None else _COLOURS[visit.patch % len(_COLOURS)]
 
 
 def _legend(visits: Sequence[Visit]) -> list[Patch]:

@@ -166,7 +166,10 @@ def _state_pictures(
 
     pictures = []
     if visits:
-        caption = "Visits: one bar each, coloured by the state it saw; grey where none was recognised."
+        caption = (
+            "Visits: one bar each, coloured by the state it saw; grey where none was recognised. "
+            "A line joins visits that saw the same state one after the other."
+        )
         pictures.append(Picture("visits.png", draw_visits(visits), caption))
     places = {submap.submap_id: submap for submap in submaps}
     for patch_set in patch_sets:

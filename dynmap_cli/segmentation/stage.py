@@ -45,17 +45,22 @@ def find_submaps(
     settings : SegmentationSettings
     on_window : Tick
     """
-    evidence = EvidenceParams(
-        max_range_m=settings.max_range_m,
-        min_crossing_rad=math.radians(settings.min_crossing_deg),
-        support_cells=settings.support_cells,
-    )
+    evidence = evidence_params(settings)
     found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
     params = _region_params(settings, frame.resolution_m)
     components = grow_components(found.contested, params)
     groups = merge_regions(components, found.standing, params)
     cells = [np.concatenate([components[k] for k in group]) for group in groups]
     return make_submaps(cells, frame, params.margin), found
+
+
+def evidence_params(settings: SegmentationSettings) -> EvidenceParams:
+    """What counts as evidence of a contradiction."""
+    return EvidenceParams(
+        max_range_m=settings.max_range_m,
+        min_crossing_rad=math.radians(settings.min_crossing_deg),
+        support_cells=settings.support_cells,
+    )
 
 
 def _region_params(settings: SegmentationSettings, resolution_m: float) -> RegionParams:

@@ -34,7 +34,7 @@ def patch_set(number, draw):
         values = draw.random(FRAME.shape).astype(np.float32)
         values[draw.random(FRAME.shape) < 0.2] = np.nan
         patches.append(Patch(k, 3 - k, values))
-    return PatchSet(number, FRAME, cells_that_vary(patches), tuple(patches), 0.75)
+    return PatchSet(number, FRAME, cells_that_vary(patches), tuple(patches), 0.75, (-9.125, -3.5, -4.0))
 
 
 def content(seed=0):
@@ -80,10 +80,11 @@ def test_patches_come_back(tmp_path_factory, seed):
     submaps, patch_sets, visits = content(seed)
     write_patches(path, submaps, patch_sets, visits)
     for written, read in zip(patch_sets, read_patches(path), strict=True):
-        assert (written.submap_id, written.frame, written.stay_probability) == (
+        assert (written.submap_id, written.frame, written.stay_probability, written.bic) == (
             read.submap_id,
             read.frame,
             read.stay_probability,
+            read.bic,
         )
         np.testing.assert_array_equal(written.varying, read.varying)
         for p, q in zip(written.patches, read.patches, strict=True):
@@ -169,6 +170,9 @@ def test_a_damaged_archive_is_refused_in_one_line(archive, damage):
         ("origin_m", [1.0]),
         ("stay_probability", 1.5),
         ("stay_probability", None),
+        ("bic", [float("nan")]),
+        ("bic", ["best"]),
+        ("bic", 3),
         ("patches", [{"id": 0, "support": 1, "npy": "../../etc/passwd", "pgm": "x"}]),
         ("patches", [{"id": 0}]),
     ],
@@ -179,6 +183,14 @@ def test_a_manifest_that_cannot_be_is_refused(archive, key, value):
     rewrite(archive, {"manifest.json": json.dumps(manifest)})
     with pytest.raises(ArtifactError, match="damaged patch archive"):
         read_patches(archive)
+
+
+def test_an_archive_without_scores_is_read(archive):
+    manifest = manifest_of(archive)
+    for entry in manifest["submaps"]:
+        del entry["bic"]
+    rewrite(archive, {"manifest.json": json.dumps(manifest)})
+    assert [patch_set.bic for patch_set in read_patches(archive)] == [(), ()]
 
 
 def npy(array, **kwargs):

@@ -1,0 +1,93 @@
+"""What is known of one sub-map: why it is one, who saw what of it, and which states that makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from dynmap_cli.domain.grid import FREE, OCCUPIED
+from dynmap_cli.domain.patches import PatchSet, Visit
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.files.trajectory import format_stamp
+from dynmap_cli.history.evidence import SubMapEvidence
+from dynmap_cli.history.timeline import in_time_order, remark_of
+
+
+def explanation_of(
+    submap: SubMap, evidence: SubMapEvidence, visits: Sequence[Visit], patch_set: PatchSet | None
+) -> dict[str, Any]:
+    """Collect it as plain numbers and words.
+
+    Parameters
+    ----------
+    submap : SubMap
+    evidence : SubMapEvidence
+    visits : sequence of Visit
+        Of this sub-map.
+    patch_set : PatchSet or None
+        None where no state is known.
+    """
+    return {
+        "submap": submap.submap_id,
+        "center_m": list(submap.center_m),
+        "size_m": list(submap.size_m),
+        "cells": int(submap.contested.size),
+        "contested_cells": int(submap.contested.sum()),
+        "evidence": _evidence(evidence),
+        "visits": [_visit(visit) for visit in in_time_order(visits)],
+        "states": _states(submap, visits, patch_set) if patch_set else [],
+        "bic": list(patch_set.bic) if patch_set else [],
+        "stay_probability": patch_set.stay_probability if patch_set else None,
+    }
+
+
+def _evidence(evidence: SubMapEvidence) -> dict[str, Any]:
+    """Windows, and the range over the contested cells of the number of windows that saw them so."""
+    return {
+        "occupied_in_windows": [int(evidence.occupied.min()), int(evidence.occupied.max())],
+        "free_in_windows": [int(evidence.free.min()), int(evidence.free.max())],
+        "windows": [
+            {
+                "start_s": format_stamp(window.start_ns),
+                "end_s": format_stamp(window.end_ns),
+                "occupied_cells": window.occupied,
+                "free_cells": window.free,
+                "hits": window.hits,
+                "passed_cells": round(window.passed_cells, 1),
+            }
+            for window in evidence.windows
+        ],
+    }
+
+
+def _visit(visit: Visit) -> dict[str, Any]:
+    """One visit."""
+    known = visit.patch is not None
+    return {
+        "visit": visit.sequence,
+        "recording": visit.recording,
+        "enter_s": format_stamp(visit.start_ns),
+        "leave_s": format_stamp(visit.end_ns),
+        "state": visit.patch,
+        "membership": round(visit.membership, 6) if known else None,
+        "remark": remark_of(visit),
+    }
+
+
+def _states(submap: SubMap, visits: Sequence[Visit], patch_set: PatchSet) -> list[dict[str, Any]]:
+    """The states, with what they hold of the contested cells."""
+    rows = []
+    for patch in patch_set.patches:
+        seen = in_time_order([visit for visit in visits if visit.patch == patch.patch_id])
+        cells = patch.cells[submap.contested]
+        rows.append(
+            {
+                "state": patch.patch_id,
+                "visits": patch.support,
+                "first_s": format_stamp(seen[0].start_ns) if seen else None,
+                "last_s": format_stamp(seen[-1].end_ns) if seen else None,
+                "occupied_cells": int((cells == OCCUPIED).sum()),
+                "free_cells": int((cells == FREE).sum()),
+            }
+        )
+    return rows
