@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.evaluation.scores import Score
 from dynmap_cli.files.atomic import replacing
-from dynmap_cli.report.curves import as_png
 
 
 def plot_distributions(path: Path, scores: Sequence[Score]) -> None:
@@ -75,4 +76,12 @@ def plot_over_time(path: Path, scores: Sequence[Score]) -> None:
 
 def _save(path: Path, figure: Figure) -> None:
     with replacing(path) as part:
-        part.write_bytes(as_png(figure))
+        part.write_bytes(_as_png(figure))
+
+
+def _as_png(figure: Figure) -> bytes:
+    """Render without anything of the machine or the hour in it."""
+    stream = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()

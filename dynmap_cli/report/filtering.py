@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 
@@ -33,7 +32,7 @@ def draw_filtered(final: OccupancyGrid, removed_m: F64) -> Image.Image:
 
 
 def draw_rounds_of_map(
-    titled: Sequence[tuple[str, OccupancyGrid]], final: OccupancyGrid, curves_png: bytes
+    titled: Sequence[tuple[str, OccupancyGrid]], final: OccupancyGrid, curves: Image.Image
 ) -> Image.Image:
     """Draw maps in which cells are coloured that the final map does not have, above the curves of em.csv."""
     nothing = np.empty((0, 2))
@@ -44,7 +43,7 @@ def draw_rounds_of_map(
         extra = np.argwhere((grid.cells == OCCUPIED) & ~walls)
         picture = MapPicture(grid, *_PANEL_PIXELS).draw(grid.frame.to_points(extra), nothing, ())
         panels.append((f"{title}: {extra.shape[0]} cell{'s' * (extra.shape[0] != 1)} too many", picture))
-    maps, curves = side_by_side(panels), Image.open(io.BytesIO(curves_png)).convert("RGB")
+    maps = side_by_side(panels)
     sheet = Image.new(
         "RGB", (max(maps.width, curves.width), maps.height + _GAP_PIXELS + curves.height), (255, 255, 255)
     )

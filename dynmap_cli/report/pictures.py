@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -133,6 +134,7 @@ def _reduced(cells: I8, factor: int) -> I8:
     return np.asarray(padded.reshape(rows // factor, factor, cols // factor, factor).max(axis=(1, 3)))
 
 
+@cache
 def font_of(pixels: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """The font that comes with Pillow."""
     return ImageFont.load_default(pixels)

@@ -167,7 +167,7 @@ def _state_pictures(
     pictures = []
     if visits:
         caption = "Visits: one bar each, coloured by the state it saw; grey where none was recognised."
-        pictures.append(Picture("visits.png", draw_visits(visits), caption))
+        pictures.append(Picture("visits.png", _png(draw_visits(visits)), caption))
     places = {submap.submap_id: submap for submap in submaps}
     for patch_set in patch_sets:
         number = patch_set.submap_id

@@ -169,8 +169,8 @@ def test_the_scale_stands_below_the_map():
 def test_the_colours_of_states_are_named():
     states = (9, 1, 3, None)
     visits = [Visit(0, k, "a.mcap", k, k + 1, state, 1.0) for k, state in enumerate(states)]
-    assert [entry.get_label() for entry in _legend(visits)] == ["state 1, 9", "state 3", "none recognised"]
-    assert [entry.get_label() for entry in _legend(visits[1:2])] == ["state 1"]
+    assert [text for _, text in _legend(visits)] == ["state 1, 9", "state 3", "none recognised"]
+    assert [text for _, text in _legend(visits[1:2])] == ["state 1"]
 
 
 def test_a_removed_beam_is_orange_at_its_place():
