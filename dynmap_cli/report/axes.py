@@ -99,15 +99,15 @@ class Panel:
             if has_grid:
                 self.pen.line((x, top, x, bottom), fill=_GRID, width=SMOOTH)
             self.pen.line((x, bottom, x, bottom + _TICK_PIXELS), fill=INK, width=SMOOTH)
-            place = (x, bottom + _TICK_PIXELS + _GAP_PIXELS)
-            self.pen.text(place, text, fill=INK, font=self._font, anchor="mt")
+            below = (x, bottom + _TICK_PIXELS + _GAP_PIXELS)
+            self.pen.text(below, text, fill=INK, font=self._font, anchor="mt")
         for value, text in self._y.ticks:
             _, y = self.to_pixels(self._x.first, value)
             if has_grid:
                 self.pen.line((left, y, right, y), fill=_GRID, width=SMOOTH)
             self.pen.line((left - _TICK_PIXELS, y, left, y), fill=INK, width=SMOOTH)
-            place = (left - _TICK_PIXELS - _GAP_PIXELS, y)
-            self.pen.text(place, text, fill=INK, font=self._font, anchor="rm")
+            beside = (left - _TICK_PIXELS - _GAP_PIXELS, y)
+            self.pen.text(beside, text, fill=INK, font=self._font, anchor="rm")
         self.pen.rectangle((left, top, right, bottom), outline=INK, width=SMOOTH)
         middle = (left + right) / 2
         self.pen.text((middle, outer[3]), self._x.label, fill=INK, font=self._font, anchor="md")
