@@ -68,7 +68,8 @@ class SurfaceCells:
     cells : (n, 2) int64
         Row and column of each.
     index : (rows, cols) int32
-        Number of each cell, -1 elsewhere.
+        Number of each cell; elsewhere -d, where d >= 1 is the distance (of rows or columns, whichever is more)
+        to the nearest of them.
     neighbours : (n, k) int32
         Numbers of the cells around each and its own; -1 = none of them.
     normals : (n, 2) float64
@@ -106,7 +107,7 @@ def surface_cells(
     size = 2 * params.support_cells + 1
     near_candidates = ndimage.maximum_filter(most_hits >= params.occupied_hits, size=size, mode="constant")
     cells = np.ascontiguousarray(np.argwhere((hits > 0) & near_candidates).astype(np.int64))
-    index = np.full(frame.shape, -1, dtype=np.int32)
+    index = _minus_distance(cells, frame.shape)
     index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
     normals = np.empty((cells.shape[0], 2))
     radius = _normal_radius(frame.resolution_m)
@@ -132,9 +133,19 @@ def _chunks(log: ScanLog, poses: F64, frame: GridFrame, max_range_m: float) -> I
         )
 
 
+def _minus_distance(cells: I64, shape: tuple[int, int]) -> I32:
+    """(rows, cols) minus the chessboard distance to the nearest of some cells."""
+    if cells.shape[0] == 0:
+        return np.full(shape, -max(shape), dtype=np.int32)
+    others = np.ones(shape, dtype=bool)
+    others[cells[:, 0], cells[:, 1]] = False
+    distance: I32 = ndimage.distance_transform_cdt(others, metric="chessboard")
+    return np.negative(distance, dtype=np.int32)
+
+
 def _neighbours(cells: I64, index: I32, reach: int) -> I32:
     """Numbers of the cells within *reach* of each, (n, (2 reach + 1)^2); -1 = none."""
-    padded = np.pad(index, reach, constant_values=-1)
+    padded = np.pad(np.maximum(index, -1), reach, constant_values=-1)
     steps = range(2 * reach + 1)
     around = [padded[cells[:, 0] + row, cells[:, 1] + col] for row in steps for col in steps]
     return np.ascontiguousarray(np.stack(around, axis=-1))

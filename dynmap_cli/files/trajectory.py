@@ -30,17 +30,25 @@ def parse_stamp(text: str) -> int:
     ValueError
         If the text is no number, or the stamp does not fit into 64 bits.
     """
-    whole, _, decimals = text.strip().lstrip("+-").partition(".")
-    if "e" in text.lower():
-        seconds = float(text)
-        value = round(seconds * 1e9) if abs(seconds) < _MAX_STAMP_S else _TOO_LATE_NS
+    whole, _, decimals = text.partition(".")
+    if whole.isdecimal() and decimals.isdecimal():
+        value = int(whole) * 10**9 + int((decimals + "000000000")[:9])
     else:
-        value = int(whole or "0") * 10**9 + int((decimals + "000000000")[:9])
-        value = -value if text.strip().startswith("-") else value
+        value = _parse_unusual_stamp(text)
     if abs(value) >= _TOO_LATE_NS:
         msg = f"stamp {text[:30]} does not fit into 64 bits of nanoseconds"
         raise ValueError(msg)
     return value
+
+
+def _parse_unusual_stamp(text: str) -> int:
+    """Nanoseconds from decimal seconds with a sign, an exponent or blanks, or without decimals."""
+    whole, _, decimals = text.strip().lstrip("+-").partition(".")
+    if "e" in text.lower():
+        seconds = float(text)
+        return round(seconds * 1e9) if abs(seconds) < _MAX_STAMP_S else _TOO_LATE_NS
+    value = int(whole or "0") * 10**9 + int((decimals + "000000000")[:9])
+    return -value if text.strip().startswith("-") else value
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
@@ -60,30 +68,39 @@ def read_tum(path: Path) -> Trajectory:
     ArtifactError
         If the file is missing or a line has not eight numbers; NaN says that there is no pose.
     """
-    stamps: list[int] = []
-    rows: list[list[float]] = []
     try:
-        text = read_text(path, MAX_TABLE_BYTES)
+        lines = read_text(path, MAX_TABLE_BYTES).splitlines()
     except (OSError, ValueError) as err:
         msg = (
             f"{path}: not a readable trajectory ({reason(err)}). Expected lines of 'stamp x y z qx qy qz qw'."
         )
         raise ArtifactError(msg) from err
-    for number, line in enumerate(text.splitlines(), start=1):
+    stamps: list[int] = []
+    values: list[float] = []
+    numbers: list[int] = []
+    for number, line in enumerate(lines):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
         try:
-            stamp, values = parse_stamp(words[0]), [float(word) for word in words[1:]]
+            stamps.append(parse_stamp(words[0]))
+            values.extend(map(float, words[1:]))
         except ValueError:
-            values = []
-        if len(values) != 7 or any(abs(value) > _FARTHEST for value in values):
-            msg = f"{path}:{number}: expected 'stamp x y z qx qy qz qw', found {line[:80]!r}"
-            raise ArtifactError(msg)
-        stamps.append(stamp)
-        rows.append(values)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 7)
+            values.clear()
+        numbers.append(number)
+        if len(values) != 7 * len(numbers):
+            raise _not_a_pose(path, number, line)
+    table = np.array(values, dtype=np.float64).reshape(-1, 7)
+    too_far = np.flatnonzero((np.abs(table) > _FARTHEST).any(axis=1))
+    if too_far.size:
+        number = numbers[too_far[0]]
+        raise _not_a_pose(path, number, lines[number])
     qx, qy, qz, qw = table[:, 3], table[:, 4], table[:, 5], table[:, 6]
     yaw = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
     poses = np.column_stack([table[:, 0], table[:, 1], wrap_angle(yaw)])
     return Trajectory(np.array(stamps, dtype=np.int64), poses)
+
+
+def _not_a_pose(path: Path, number: int, line: str) -> ArtifactError:
+    """What is wrong with a line; lines count from 0 here, from 1 in the message."""
+    return ArtifactError(f"{path}:{number + 1}: expected 'stamp x y z qx qy qz qw', found {line[:80]!r}")

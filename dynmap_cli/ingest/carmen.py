@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ def read_carmen(path: Path, name: str) -> RawRecording:
     return reader.recording
 
 
-@dataclass(frozen=True, slots=True)
-class _Sweep:
+class _Sweep(NamedTuple):
     """A laser line whose ranges are not parsed yet.
 
     Attributes
@@ -85,10 +85,10 @@ class _Reader:
 
     def take(self, word: bytes, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
-        if not _KIND.fullmatch(word):
+        name = _name_of(word)
+        if not name:
             self.recording.dropped["line of no known kind"] += 1
             return
-        name = word.decode("ascii")
         self.counts[name] += 1
         try:
             if word in _OLD_LASERS:
@@ -128,7 +128,9 @@ class _Reader:
 
     def _sweep(self, sweep: _Sweep, ranges_m: F32) -> None:
         """Keep a sweep with the poses of laser and robot."""
-        laser = self.recording.lasers.setdefault(sweep.word, RawLaser(sweep.word))
+        laser = self.recording.lasers.get(sweep.word)
+        if laser is None:
+            laser = self.recording.lasers[sweep.word] = RawLaser(sweep.word)
         laser.add(sweep.stamp_ns, sweep.stamp_ns, ranges_m, sweep.shape)
         self.laser_poses.setdefault(sweep.word, []).append(sweep.poses)
         self._odometry(sweep.word, sweep.stamp_ns, sweep.poses[3:])
@@ -136,7 +138,9 @@ class _Reader:
 
     def _odometry(self, word: str, stamp_ns: int, pose: tuple[float, ...]) -> None:
         """Keep an odometry pose."""
-        track = self.recording.odometry.setdefault(word, RawOdometry(word))
+        track = self.recording.odometry.get(word)
+        if track is None:
+            track = self.recording.odometry[word] = RawOdometry(word)
         track.stamps_ns.append(stamp_ns)
         track.poses.append((pose[0], pose[1], pose[2]))
 
@@ -157,6 +161,12 @@ class _Reader:
                     "was corrected; the second one is used"
                 )
         replace_lost_stamps(self.recording)
+
+
+@lru_cache(maxsize=64)
+def _name_of(word: bytes) -> str:
+    """Name of a kind of line; "" where the first word is none."""
+    return word.decode("ascii") if _KIND.fullmatch(word) else ""
 
 
 def _old_laser(word: str, line: bytes) -> _Sweep:
@@ -218,6 +228,7 @@ def _numbers_or_nothing(text: bytes) -> F32:
         return np.zeros(0, dtype=np.float32)
 
 
+@lru_cache(maxsize=64)
 def flaser_shape(n_beams: int) -> ScanShape:
     """Directions of FLASER readings, which the line does not state.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -236,7 +237,7 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
         period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
         values: dict[ScanShape, list[float]] = {}
         for shape, interval_s in zip(laser.shapes, laser.beam_interval_s, strict=True):
-            if np.isfinite(interval_s):
+            if math.isfinite(interval_s):
                 values.setdefault(shape, []).append(interval_s)
         for shape, intervals in values.items():
             interval_s = float(np.median(intervals))

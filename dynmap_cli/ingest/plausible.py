@@ -41,7 +41,7 @@ def stamp_of_word(word: bytes) -> int:
 
 def are_coordinates(values: tuple[float, ...]) -> bool:
     """Whether all are finite metres or radians of a plausible size."""
-    return all(math.isfinite(value) and abs(value) <= FARTHEST_M for value in values)
+    return all(map(math.isfinite, values)) and min(values) >= -FARTHEST_M and max(values) <= FARTHEST_M
 
 
 def is_sweep(first_bearing_rad: float, increment_rad: float, n_beams: int) -> bool:

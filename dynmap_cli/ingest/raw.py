@@ -7,15 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import compress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 
 
-@dataclass(frozen=True, slots=True)
-class ScanShape:
+class ScanShape(NamedTuple):
     """How the beams of a sweep lie; sweeps of one shape share a row of the geometry table.
+
+    A tuple, as it is compared and looked up once per sweep and more.
 
     Attributes
     ----------

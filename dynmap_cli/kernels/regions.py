@@ -168,7 +168,8 @@ def add_evidence(
     ranges_m, geometry_index, directions, sensor_poses, usable_m, poses, resolution_m, origin_x_m, origin_y_m
         As in `add_hit_moments`.
     index : (rows * cols,) int32
-        Number of each cell of interest, row by row; -1 for the others.
+        Number of each cell of interest, row by row; for the others -d, where d >= 1 is the distance (of rows or
+        columns, whichever is more) to the nearest one of interest.
     rows, cols : int
     normals : (n, 2) float64
         Normal of the surface in each cell of interest, (0, 0) = none.
@@ -230,22 +231,21 @@ def add_evidence(
                 continue
             if stop <= start:
                 continue
-            # The walk has no branch but the one for cells of interest: a wrong guess costs more than a step.
+            # From a cell that is d cells away from the nearest one of interest, the beam leaps out of the square of
+            # 2 d - 1 cells around it at once.
             col = min(max(int(x0 + start * dx), 0), cols - 1)
             row = min(max(int(y0 + start * dy), 0), rows - 1)
-            end_col = min(max(int(x0 + stop * dx), 0), cols - 1)
-            end_row = min(max(int(y0 + stop * dy), 0), rows - 1)
-            step_col, step_row = (1 if dx > 0 else -1), (cols if dy > 0 else -cols)
-            next_x = ((col + (dx > 0)) - x0) / dx if dx != 0.0 else math.inf
-            next_y = ((row + (dy > 0)) - y0) / dy if dy != 0.0 else math.inf
-            delta_x = abs(1.0 / dx) if dx != 0.0 else 0.0
-            delta_y = abs(1.0 / dy) if dy != 0.0 else 0.0
-            at, flat = start, row * cols + col
-            for _ in range(abs(end_col - col) + abs(end_row - row) + 1):
-                if flat < 0 or flat >= index.size:
-                    break
-                leaving = min(next_x, next_y)
-                cell = index[flat]
+            step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+            edge_col, edge_row = int(dx <= 0.0), int(dy <= 0.0)
+            per_col, per_row = (1.0 / dx if dx != 0.0 else 0.0), (1.0 / dy if dy != 0.0 else 0.0)
+            at = start
+            while at < stop:
+                cell = index[row * cols + col]
+                reach = 1 if cell >= 0 else -cell
+                next_col, next_row = col + reach * step_col, row + reach * step_row
+                leaving_x = (next_col + edge_col - x0) * per_col if dx != 0.0 else math.inf
+                leaving_y = (next_row + edge_row - y0) * per_row if dy != 0.0 else math.inf
+                leaving = min(leaving_x, leaving_y)
                 if cell >= 0:
                     nx, ny = normals[cell, 0], normals[cell, 1]
                     passed = min(leaving, stop) - at
@@ -255,11 +255,14 @@ def add_evidence(
                             touched[n_touched] = cell
                             n_touched += 1
                         crossed[cell] += passed
-                at = leaving
-                is_x = next_x < next_y
-                flat += step_col if is_x else step_row
-                next_x += delta_x if is_x else 0.0
-                next_y += 0.0 if is_x else delta_y
+                at, is_x = leaving, leaving_x < leaving_y
+                # Selected, not branched: a wrong guess costs more than the arithmetic.
+                within_col = min(max(int(x0 + at * dx), col - reach + 1), col + reach - 1)
+                within_row = min(max(int(y0 + at * dy), row - reach + 1), row + reach - 1)
+                col = next_col if is_x else within_col
+                row = within_row if is_x else next_row
+                if col < 0 or col >= cols or row < 0 or row >= rows:
+                    break
     return n_touched
 
 

@@ -29,10 +29,11 @@ def random_log(seed, n_scans=6):
 
 
 @settings(max_examples=25)
-@given(st.integers(0, 10_000))
-def test_hits_and_crossed_lengths_are_those_of_plain_geometry(seed):
+@given(st.integers(0, 10_000), st.sampled_from([1.0, 3.0]))
+def test_hits_and_crossed_lengths_are_those_of_plain_geometry(seed, occupied_hits):
     log, poses = random_log(seed)
-    rule = EvidenceParams(max_range_m=2.0, occupied_hits=1.0, free_cells=1.0)
+    # With three hits few cells are left, and beams leap far between them.
+    rule = EvidenceParams(max_range_m=2.0, occupied_hits=occupied_hits, free_cells=1.0)
     surface = surface_cells(log, poses, FRAME, [slice(None)], rule)
     evidence = Evidence(surface, rule)
     evidence.add(log, poses)
@@ -46,6 +47,15 @@ def test_hits_and_crossed_lengths_are_those_of_plain_geometry(seed):
     np.testing.assert_allclose(evidence.crossed, crossed, atol=1e-6)
     states = plain_states(evidence.hits, evidence.crossed, FRAME.shape, surface.cells, rule)
     np.testing.assert_array_equal(evidence.states(), states)
+
+
+@given(st.integers(0, 10_000))
+def test_other_cells_know_how_far_the_nearest_surface_cell_is(seed):
+    log, poses = random_log(seed)
+    surface = surface_cells(log, poses, FRAME, [slice(None)], EvidenceParams())
+    if surface.cells.size:
+        for row, col in np.argwhere(surface.index < 0):
+            assert surface.index[row, col] == -np.abs(surface.cells - [row, col]).max(axis=1).min()
 
 
 @given(st.integers(0, 10_000))
