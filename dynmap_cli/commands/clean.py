@@ -53,7 +53,8 @@ def command(
     """Write LOG again with NaN for beams that hit something that moves, for any other mapping program.
 
     All other messages stay byte for byte as they are: ROS 2 bags and MCAP files become MCAP of the same profile, ROS 1
-    bags MCAP of profile ros1; text logs become LaserScan, Odometry and tf of ROS 2.
+    bags MCAP of profile ros1; text logs become LaserScan, Odometry and tf of ROS 2. Of a damaged recording what is
+    whole is written, and one line says what was lost.
     """
     from dynmap_cli.pipeline import clean
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.export.labels import LABEL_SUFFIX, BeamLabels
-from dynmap_cli.export.messages import Channel, Container, Stored, in_order, open_container
+from dynmap_cli.export.messages import Container, UnreadableContainerError, in_order, open_container
 from dynmap_cli.export.scan_bytes import parse_scan
 from dynmap_cli.export.text_logs import TextChoices, text_container
 from dynmap_cli.files.atomic import replacing
@@ -21,6 +21,7 @@ from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.ros_messages import LASER_TYPES
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.stored import Channel, StoredMessage
 from dynmap_cli.ingest.wean import read_wean
 
 _ENCODINGS = ("cdr", "ros1")
@@ -41,6 +42,8 @@ class Cleaned:
         Sweeps that the run has no labels for, copied as they were, by topic.
     other_messages : int
         Copied byte for byte.
+    losses : list of str
+        What was lost of recordings that are damaged, one sentence each.
     """
 
     scans: Counter[str] = field(default_factory=Counter)
@@ -48,6 +51,7 @@ class Cleaned:
     removed: int = 0
     other_scans: Counter[str] = field(default_factory=Counter)
     other_messages: int = 0
+    losses: list[str] = field(default_factory=list)
 
 
 def write_clean(
@@ -59,7 +63,7 @@ def write_clean(
     is_label: bool,
     settings: IngestSettings,
 ) -> Cleaned:
-    """Write recordings as one MCAP file in which the removed beams are NaN.
+    """Write recordings as one MCAP file in which the removed beams are NaN; damaged ones as far as they are whole.
 
     Parameters
     ----------
@@ -82,35 +86,61 @@ def write_clean(
     ArtifactError
         If the recordings are not those of the labels, or the output cannot be written.
     """
-    done = Cleaned()
-    with ExitStack() as stack:
-        scratch = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="dynmap-")))
+    refused: dict[Path, str] = {}
+    with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
-        sources = [source for path in paths for source in find_sources(path, scratch, limit_bytes)]
-        containers = [one for source in sources for one in _opened(source, text, stack)]
+        sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
+        while True:
+            try:
+                return _write(sources, refused, out_path, labels, text=text, is_label=is_label)
+            except UnreadableContainerError as err:
+                # It may show only on the way: begin again, and read this one record by record.
+                refused[err.path] = err.why
+
+
+def _write(
+    sources: Sequence[Source],
+    refused: Mapping[Path, str],
+    out_path: Path,
+    labels: BeamLabels,
+    *,
+    text: TextChoices,
+    is_label: bool,
+) -> Cleaned:
+    """Write once; see `write_clean`."""
+    done = Cleaned()
+    labels.was_found[:] = False
+    with ExitStack() as stack:
+        containers = [one for source in sources for one in _opened(source, refused, text, stack)]
         with replacing(out_path) as part, part.open("wb") as stream:
             writer = _McapCopy(Writer(stream, compression=CompressionType.ZSTD, enable_crcs=True), containers)
             for stored in in_order(containers):
                 _take(stored, writer, labels, done, is_label=is_label)
             missing = int((~labels.was_found).sum())
-            if missing:
+            if missing == labels.was_found.size or (missing and not refused):
+                names = ", ".join(source.name for source in sources)
                 msg = (
-                    f"{', '.join(map(str, paths))}: {missing} of the {labels.was_found.size} scans of the run are not "
+                    f"{names}: {missing} of the {labels.was_found.size} scans of the run are not "
                     "in it. Pass the recordings that the run was made from, or leave out --run."
                 )
                 raise ArtifactError(msg)
             writer.finish()
+    done.losses = [one.damage.line() for one in containers if one.damage]
     return done
 
 
-def _opened(source: Source, text: TextChoices, stack: ExitStack) -> list[Container]:
+def _opened(
+    source: Source, refused: Mapping[Path, str], text: TextChoices, stack: ExitStack
+) -> list[Container]:
     """Open one recording of any kind."""
     if source.kind in _TEXT_READERS:
         return [text_container(_TEXT_READERS[source.kind](source.path, source.name), text)]
-    return open_container(source, stack)
+    return open_container(source, refused, stack)
 
 
-def _take(stored: Stored, writer: _McapCopy, labels: BeamLabels, done: Cleaned, *, is_label: bool) -> None:
+def _take(
+    stored: StoredMessage, writer: _McapCopy, labels: BeamLabels, done: Cleaned, *, is_label: bool
+) -> None:
     """Write one message, and its labels."""
     channel = stored.channel
     if channel.message_encoding not in _ENCODINGS or channel.message_type not in LASER_TYPES:
@@ -155,7 +185,7 @@ class _McapCopy:
             for note in container.metadata:
                 writer.add_metadata(note.name, note.metadata)
 
-    def add(self, stored: Stored) -> None:
+    def add(self, stored: StoredMessage) -> None:
         """Write a message as it is."""
         number = self._channels.get(stored.channel)
         if number is None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from mcap.reader import McapReader, make_reader
 from mcap.records import Attachment, Metadata
@@ -16,48 +17,43 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefiniti
 from rosbags.rosbag2.metadata import dump_qos_v8
 from rosbags.typesys import Stores, get_typestore
 
-from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.bags import damaged
+from dynmap_cli.ingest.bags import UnreadableBagError, check_index
 from dynmap_cli.ingest.containers import Source
+from dynmap_cli.ingest.mcap_records import mcap_extras
+from dynmap_cli.ingest.raw import file_name
+from dynmap_cli.ingest.salvage import Span, stored_messages
+from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
 
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """What an MCAP channel and its schema say.
+class UnreadableContainerError(Exception):
+    """A recording that its own library refuses, at first or on the way.
 
     Attributes
     ----------
-    topic, message_encoding : str
-    schema_name, schema_encoding : str
-        "" = no schema.
-    schema_data : bytes
-    metadata : tuple of (str, str)
+    path : Path
+    why : str
     """
 
-    topic: str
-    message_encoding: str
-    schema_name: str
-    schema_encoding: str
-    schema_data: bytes
-    metadata: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def message_type(self) -> str:
-        """ROS 2 spelling of the type."""
-        package, _, last = self.schema_name.rpartition("/")
-        return f"{package.removesuffix('/msg')}/msg/{last}"
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(why)
+        self.path, self.why = path, why
 
 
-class Stored(NamedTuple):
-    """One message."""
+@dataclass(slots=True)
+class Damage:
+    """What was found in a damaged recording, and what was lost; filled while its messages are read."""
 
-    logged_ns: int
-    published_ns: int
-    sequence: int
-    channel: Channel
-    data: bytes
+    name: str
+    kind: str
+    losses: Losses
+    messages: int = 0
+    span: Span = field(default_factory=Span)
+
+    def line(self) -> str:
+        """Say it in one sentence."""
+        return self.losses.line(file_name(self.name), self.kind, self.messages, self.span.seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,105 +64,169 @@ class Container:
     ----------
     profile : str
         "ros1", "ros2", or what an MCAP file says.
-    messages : iterator of Stored
+    messages : iterator of StoredMessage
     attachments : tuple of Attachment
     metadata : tuple of Metadata
         Of MCAP files.
+    damage : Damage or None
+        Of a recording that is read as far as it is whole.
     """
 
     profile: str
-    messages: Iterator[Stored]
+    messages: Iterator[StoredMessage]
     attachments: tuple[Attachment, ...] = ()
     metadata: tuple[Metadata, ...] = ()
+    damage: Damage | None = None
 
 
-def in_order(containers: Sequence[Container]) -> Iterator[Stored]:
+def in_order(containers: Sequence[Container]) -> Iterator[StoredMessage]:
     """Messages of several recordings by the time of their recording."""
     yield from heapq.merge(*(one.messages for one in containers), key=lambda stored: stored.logged_ns)
 
 
-def open_container(source: Source, stack: ExitStack) -> list[Container]:
+def open_container(source: Source, refused: Mapping[Path, str], stack: ExitStack) -> list[Container]:
     """Open a bag or MCAP file, or the MCAP files of a ROS 2 bag folder.
+
+    Parameters
+    ----------
+    source : Source
+    refused : mapping of Path to str
+        What is to be read record by record, as far as it is whole, and why.
+    stack : ExitStack
 
     Raises
     ------
-    LogError
-        If it is cut off or damaged.
+    UnreadableContainerError
+        If it is cut off or damaged, and not known to be.
     """
     files = sorted(source.path.glob("*.mcap")) if source.kind == "ros2" else []
     if source.kind == "mcap" or files:
-        return [_open_mcap(path, source.name, stack) for path in files or [source.path]]
+        return [
+            _salvaged(path, path.name if files else source.name, "MCAP file", refused[path])
+            if path in refused
+            else _open_mcap(path, stack)
+            for path in files or [source.path]
+        ]
+    kind = "ROS 1 bag" if source.kind == "ros1" else "ROS 2 bag"
+    if source.path in refused:
+        return [_salvaged(source.path, source.name, kind, refused[source.path])]
     return [_open_bag(source, stack)]
 
 
-def _open_mcap(path: Path, name: str, stack: ExitStack) -> Container:
+def _open_mcap(path: Path, stack: ExitStack) -> Container:
     """Open an MCAP file of any profile."""
     try:
         reader = make_reader(stack.enter_context(path.open("rb")), validate_crcs=True)
         if reader.get_summary() is None:
-            msg = "it has no summary"
-            raise ValueError(msg)
+            raise UnreadableContainerError(path, "it has no summary")
         return Container(
             reader.get_header().profile,
-            _mcap_messages(reader, name),
+            _mcap_messages(reader, path),
             tuple(reader.iter_attachments()),
             tuple(reader.iter_metadata()),
         )
-    except Exception as err:
-        raise damaged(name, "MCAP file", err) from err
-
-
-def _mcap_messages(reader: McapReader, name: str) -> Iterator[Stored]:
-    """All messages, by log time."""
-    channels: dict[int, Channel] = {}
-    try:
-        for schema, channel, message in reader.iter_messages():
-            if channel.id not in channels:
-                channels[channel.id] = Channel(
-                    channel.topic,
-                    channel.message_encoding,
-                    schema.name if schema else "",
-                    schema.encoding if schema else "",
-                    schema.data if schema else b"",
-                    tuple(channel.metadata.items()),
-                )
-            yield Stored(
-                message.log_time, message.publish_time, message.sequence, channels[channel.id], message.data
-            )
-    except LogError:
+    except UnreadableContainerError:
         raise
     except Exception as err:
-        raise damaged(name, "MCAP file", err) from err
+        raise UnreadableContainerError(path, words_of(err)) from err
+
+
+def _mcap_messages(reader: McapReader, path: Path) -> Iterator[StoredMessage]:
+    """All messages, by log time."""
+    channels: dict[int, Channel] = {}
+    stream = reader.iter_messages()
+    while True:
+        try:
+            schema, channel, message = next(stream)
+        except StopIteration:
+            return
+        except Exception as err:
+            raise UnreadableContainerError(path, words_of(err)) from err
+        if channel.id not in channels:
+            channels[channel.id] = Channel(
+                channel.topic,
+                channel.message_encoding,
+                schema.name if schema else "",
+                schema.encoding if schema else "",
+                schema.data if schema else b"",
+                tuple(channel.metadata.items()),
+            )
+        yield StoredMessage(
+            message.log_time, message.publish_time, message.sequence, channels[channel.id], message.data
+        )
 
 
 def _open_bag(source: Source, stack: ExitStack) -> Container:
     """Open a ROS 1 bag, or a ROS 2 bag in SQLite."""
-    kind = "ROS 1 bag" if source.kind == "ros1" else "ROS 2 bag"
     try:
         reader = AnyReader([source.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         stack.enter_context(reader)
+        for inner in reader.readers:
+            check_index(inner)
         channels = {id(one): _channel_of(one, reader) for one in reader.connections}
     except Exception as err:
-        raise damaged(source.name, kind, err) from err
-    return Container(
-        "ros1" if source.kind == "ros1" else "ros2", _bag_messages(reader, channels, source, kind)
-    )
+        why = err.why if isinstance(err, UnreadableBagError) else words_of(err)
+        raise UnreadableContainerError(source.path, why) from err
+    profile = "ros1" if source.kind == "ros1" else "ros2"
+    return Container(profile, _bag_messages(reader, channels, source.path))
 
 
-def _bag_messages(
-    reader: AnyReader, channels: dict[int, Channel], source: Source, kind: str
-) -> Iterator[Stored]:
+def _bag_messages(reader: AnyReader, channels: dict[int, Channel], path: Path) -> Iterator[StoredMessage]:
     """All messages, by the time of their recording; bags do not number them, so they are counted."""
-    counts = dict.fromkeys(channels, 0)
+    counts: Counter[int] = Counter()
+    stream = reader.messages()
+    while True:
+        try:
+            connection, logged_ns, data = next(stream)
+        except StopIteration:
+            break
+        except Exception as err:
+            raise UnreadableContainerError(path, words_of(err)) from err
+        key = id(connection)
+        yield StoredMessage(logged_ns, logged_ns, counts[key], channels[key], bytes(data))
+        counts[key] += 1
+    stated = sum(connection.msgcount for connection in reader.connections)
+    if counts.total() != stated:
+        why = f"it says that it holds {stated} messages, and holds {counts.total()}"
+        raise UnreadableContainerError(path, why)
+
+
+def _salvaged(path: Path, name: str, kind: str, why: str) -> Container:
+    """What is whole in a damaged recording, in the order in which it was written."""
+    damage = Damage(name, kind, Losses([why]))
+    messages = _whole_messages(path, damage)
+    if path.suffix == ".mcap":
+        return Container(_profile_of(path), messages, *mcap_extras(path), damage=damage)
+    return Container("ros1" if kind == "ROS 1 bag" else "ros2", messages, damage=damage)
+
+
+def _whole_messages(path: Path, damage: Damage) -> Iterator[StoredMessage]:
+    """Yield the messages that are whole and count them."""
+    described: dict[Channel, Channel] = {}
+    for stored in stored_messages(path, damage.losses):
+        damage.messages += 1
+        damage.span.add(stored.logged_ns)
+        if stored.channel not in described:
+            described[stored.channel] = _with_definition(stored.channel)
+        yield stored._replace(channel=described[stored.channel])
+
+
+def _with_definition(channel: Channel) -> Channel:
+    """The same channel; a standard type of ROS 2 whose definition the bag does not hold gets it."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    if channel.schema_data or channel.message_encoding != "cdr" or channel.schema_name not in store.fielddefs:
+        return channel
+    definition, _ = store.generate_msgdef(channel.schema_name, ros_version=2)
+    return replace(channel, schema_encoding="ros2msg", schema_data=definition.encode())
+
+
+def _profile_of(path: Path) -> str:
+    """Profile that the head of an MCAP file names, "" where it is damaged."""
     try:
-        for connection, logged_ns, data in reader.messages():
-            key = id(connection)
-            yield Stored(logged_ns, logged_ns, counts[key], channels[key], bytes(data))
-            counts[key] += 1
-    except LogError:
-        raise
-    except Exception as err:
-        raise damaged(source.name, kind, err) from err
+        with path.open("rb") as stream:
+            return make_reader(stream).get_header().profile
+    except Exception:
+        return ""
 
 
 def _channel_of(connection: Connection, reader: AnyReader) -> Channel:

@@ -81,6 +81,7 @@ def clean_to_file(
         "kept_on_changing_things": kept,
         "other_scans": dict(done.other_scans),
         "other_messages": done.other_messages,
+        "losses": done.losses,
         "output": str(out_path),
         "lines": _lines(done, kept, out_path, is_label=is_label),
     }
@@ -98,4 +99,5 @@ def _lines(done: Cleaned, kept: int, out_path: Path, *, is_label: bool) -> list[
     if done.other_scans:
         others = ", ".join(f"{count} on {topic}" for topic, count in sorted(done.other_scans.items()))
         lines.append(f"scans that the map does not use, as they were: {others}")
-    return [*lines, f"{done.other_messages} other messages, as they were", f"recording  {out_path}"]
+    lines.append(f"{done.other_messages} other messages, as they were")
+    return [*lines, *done.losses, f"recording  {out_path}"]

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import between
-from dynmap_cli.export.messages import Channel, Container, Stored
+from dynmap_cli.export.messages import Container
 from dynmap_cli.files.ros_messages import (
     LATCHED_QOS,
     ODOMETRY,
@@ -23,6 +23,7 @@ from dynmap_cli.files.ros_messages import (
 )
 from dynmap_cli.ingest.merging import period_s_of
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording
+from dynmap_cli.ingest.stored import Channel, StoredMessage
 
 _ROBOT, _WORLD = "base_link", "odom"
 
@@ -72,14 +73,14 @@ class _Writer:
         self._numbers: dict[str, int] = {}
         self._channels: dict[str, Channel] = {}
 
-    def mountings(self, stamp_ns: int, poses: dict[str, F64]) -> Iterator[Stored]:
+    def mountings(self, stamp_ns: int, poses: dict[str, F64]) -> Iterator[StoredMessage]:
         """Yield where the lasers sit, once, at the very beginning."""
         header = self._maker.header(stamp_ns, _ROBOT, 0)
         fixed = [self._maker.transform(header, frame, pose.tolist()) for frame, pose in poses.items()]
         if fixed:
             yield self._stored(stamp_ns, "/tf_static", TRANSFORMS, self._maker.transforms(fixed))
 
-    def scans(self, laser: RawLaser, is_only_one: bool) -> Iterator[Stored]:
+    def scans(self, laser: RawLaser, is_only_one: bool) -> Iterator[StoredMessage]:
         """Yield the sweeps of a laser by their stamps."""
         topic = "/scan" if is_only_one else f"/{laser.name.lower()}/scan"
         period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
@@ -99,7 +100,7 @@ class _Writer:
             message = self._maker.scan(header, fields, laser.ranges_m[number])
             yield self._stored(stamp_ns, topic, SCAN, message)
 
-    def odometry(self, track: RawOdometry) -> Iterator[Stored]:
+    def odometry(self, track: RawOdometry) -> Iterator[StoredMessage]:
         """Yield poses by their stamps, as Odometry and as a transform."""
         stamps_ns, poses = track.as_arrays()
         steps = between(poses[:-1], poses[1:])
@@ -112,7 +113,7 @@ class _Writer:
             moved = self._maker.transforms([self._maker.transform(header, _ROBOT, pose)])
             yield self._stored(stamp_ns, "/tf", TRANSFORMS, moved)
 
-    def _stored(self, stamp_ns: int, topic: str, message_type: str, message: Any) -> Stored:
+    def _stored(self, stamp_ns: int, topic: str, message_type: str, message: Any) -> StoredMessage:
         if topic not in self._channels:
             definition, _ = self._store.generate_msgdef(message_type, ros_version=2)
             metadata = (("offered_qos_profiles", LATCHED_QOS),) if topic == "/tf_static" else ()
@@ -121,4 +122,4 @@ class _Writer:
             )
         number = self._numbers[topic] = self._numbers.get(topic, -1) + 1
         data = bytes(self._store.serialize_cdr(message, message_type))
-        return Stored(stamp_ns, stamp_ns, number, self._channels[topic], data)
+        return StoredMessage(stamp_ns, stamp_ns, number, self._channels[topic], data)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import mmap
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from dynmap_cli.ingest.plausible import printable
-from dynmap_cli.ingest.stored import DAMAGE, Losses, StoredMessage
+from dynmap_cli.ingest.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.ingest.unpacking import unpack
 
 _MAGIC_BYTES = len(b"#ROSBAG V2.0\n")
@@ -44,21 +45,25 @@ def bag1_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     with path.open("rb") as stream:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     losses.n_bytes += len(view)
-    connections: dict[int, tuple[str, str]] = {}
+    connections: dict[int, Channel] = {}
+    counts: Counter[Channel] = Counter()
     for record in _records(view, _MAGIC_BYTES, Losses()):
         if record.op == _CONNECTION:
             _learn(connections, record, view)
     for record in _records(view, _MAGIC_BYTES, losses):
         if record.op == _CHUNK:
-            yield from _chunk(record, view, connections, losses)
+            for logged_ns, channel, data in _chunk(record, view, connections, losses):
+                # Bags do not number their messages.
+                yield StoredMessage(logged_ns, logged_ns, counts[channel], channel, data)
+                counts[channel] += 1
         elif record.op == _BAG and len(index_at := record.fields.get(b"index_pos", b"")) == _U64.size:
             losses.note_missing(_U64.unpack(index_at)[0] - len(view))
 
 
 def _chunk(
-    record: _Record, view: memoryview, connections: dict[int, tuple[str, str]], losses: Losses
-) -> Iterator[StoredMessage]:
-    """Messages of one chunk."""
+    record: _Record, view: memoryview, connections: dict[int, Channel], losses: Losses
+) -> Iterator[tuple[int, Channel, bytes]]:
+    """Time, channel and data of the messages of one chunk."""
     packed = view[record.start : record.end]
     compression = record.fields.get(b"compression", b"").decode("ascii", "replace")
     try:
@@ -73,27 +78,34 @@ def _chunk(
         if found.op == _CONNECTION:
             _learn(connections, found, inner)
         elif found.op == _MESSAGE and found.is_whole:
-            topic, msgtype = connections.get(_U32.unpack(found.fields[b"conn"])[0], ("", ""))
-            if not topic:
+            channel = connections.get(_U32.unpack(found.fields[b"conn"])[0])
+            if channel is None:
                 losses.note("messages without a topic", messages=1)
                 continue
             seconds, nanoseconds = _TIME.unpack(found.fields[b"time"])
-            data = bytes(inner[found.start : found.end])
-            yield StoredMessage(topic, msgtype, "ros1", seconds * 10**9 + nanoseconds, data)
+            yield seconds * 10**9 + nanoseconds, channel, bytes(inner[found.start : found.end])
     if inner_losses.why and is_whole and record.is_whole:
         losses.note(inner_losses.why[0], n_bytes=min(inner_losses.lost_bytes, len(packed)), chunks=1)
 
 
-def _learn(connections: dict[int, tuple[str, str]], record: _Record, view: memoryview) -> None:
-    """Note topic and type of a connection; one that is broken stays unknown."""
+def _learn(connections: dict[int, Channel], record: _Record, view: memoryview) -> None:
+    """Note topic and type of a connection, as the MCAP profile ros1 asks for it; one that is broken stays unknown."""
     try:
         details = _fields(view[record.start : record.end])
         number = _U32.unpack(record.fields[b"conn"])[0]
         topic, msgtype = (printable(word.decode()) for word in (record.fields[b"topic"], details[b"type"]))
+        metadata = {
+            "md5sum": details.get(b"md5sum", b"").decode(),
+            "callerid": details.get(b"callerid", b"").decode(),
+        }
+        if b"latching" in details:
+            metadata["latching"] = details[b"latching"].decode()
     except DAMAGE:
         return
-    package, _, last = msgtype.rpartition("/")
-    connections.setdefault(number, (topic, f"{package}/msg/{last}"))
+    definition = details.get(b"message_definition", b"")
+    channel = Channel(topic, "ros1", msgtype, "ros1msg", definition, tuple(metadata.items()))
+    if topic:
+        connections.setdefault(number, channel)
 
 
 def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Record]:

@@ -76,7 +76,7 @@ def _open(path: Path) -> Iterator[AnyReader]:
         reader = AnyReader([path], default_typestore=_ros2_types())
         reader.open()
         for inner in reader.readers:
-            _check_index(inner)
+            check_index(inner)
     except UnreadableBagError:
         raise
     except Exception as err:
@@ -88,7 +88,7 @@ def _open(path: Path) -> Iterator[AnyReader]:
         reader.close()
 
 
-def _check_index(reader: Any) -> None:
+def check_index(reader: Any) -> None:
     """Refuse a ROS 1 bag whose index leaves out messages that its chunks are said to hold."""
     chunks = getattr(reader, "chunk_infos", [])
     stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)

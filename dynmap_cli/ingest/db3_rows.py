@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sqlite3
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from dynmap_cli.ingest.plausible import printable
-from dynmap_cli.ingest.stored import Losses, StoredMessage, words_of
+from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
 
 _MOST_GAPS = 200
 _FARTHEST_JUMP = 1 << 32
@@ -25,22 +27,51 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     try:
         connection.text_factory = lambda text: text.decode("utf-8", "replace")
         connection.execute("PRAGMA writable_schema=ON")
-        topics = {
-            number: (printable(str(name)), printable(str(kind)), str(encoding))
-            for number, name, kind, encoding in connection.execute(
-                "SELECT id, name, type, serialization_format FROM topics"
-            )
-        }
+        topics = _topics(connection)
+        counts: Counter[int] = Counter()
         for topic_id, stamp_ns, data in _rows(connection, losses):
-            if topic_id in topics and isinstance(stamp_ns, int) and isinstance(data, bytes):
-                name, kind, encoding = topics[topic_id]
-                yield StoredMessage(name, kind, encoding, stamp_ns, data)
+            if (
+                isinstance(topic_id, int)
+                and topic_id in topics
+                and isinstance(stamp_ns, int)
+                and isinstance(data, bytes)
+            ):
+                yield StoredMessage(stamp_ns, stamp_ns, counts[topic_id], topics[topic_id], data)
+                counts[topic_id] += 1
             else:
                 losses.note("rows are no messages", messages=1)
     except sqlite3.Error as err:
         losses.note(words_of(err))
     finally:
         connection.close()
+
+
+def _topics(connection: sqlite3.Connection) -> dict[int, Channel]:
+    """Channels by number; bags before ROS 2 Iron hold no definitions of types, the first ones no profiles."""
+    offered = dict(_optional(connection, "SELECT id, offered_qos_profiles FROM topics"))
+    definitions = {
+        kind: (str(written), str(text).encode())
+        for kind, written, text in _optional(
+            connection, "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        )
+        if written and text
+    }
+    topics = {}
+    for number, name, kind, encoding in connection.execute(
+        "SELECT id, name, type, serialization_format FROM topics"
+    ):
+        profiles = (("offered_qos_profiles", str(offered.get(number) or "")),)
+        schema = definitions.get(kind, ("", b""))
+        topics[number] = Channel(printable(str(name)), str(encoding), printable(str(kind)), *schema, profiles)
+    return topics
+
+
+def _optional(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
+    """Rows of a query; none where the bag has no such table or column, or it is damaged."""
+    try:
+        return list(connection.execute(query))
+    except sqlite3.Error:
+        return []
 
 
 def _rows(connection: sqlite3.Connection, losses: Losses) -> Iterator[tuple[object, object, object]]:

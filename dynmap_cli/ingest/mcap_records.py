@@ -19,19 +19,19 @@ from typing import NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import Attachment, Metadata, Schema
+from mcap.records import Channel as ChannelRecord
 
 from dynmap_cli.ingest.plausible import printable
-from dynmap_cli.ingest.stored import DAMAGE, Losses, StoredMessage
+from dynmap_cli.ingest.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.ingest.unpacking import unpack
 
-ENCODINGS = ("cdr", "ros1")
 _MAGIC = b"\x89MCAP0\r\n"
 _MAGIC_BYTES = len(_MAGIC)
 _FRAME = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
-_U64 = struct.Struct("<Q")
+_U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 _BROKEN = "a record is broken"
 
 
@@ -48,8 +48,8 @@ class _Record(NamedTuple):
 class _Names:
     """Schemas and channels by number."""
 
-    schemas: dict[int, str] = field(default_factory=dict)
-    channels: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
 
     def learn(self, record: _Record, view: memoryview) -> None:
         """Note a schema or channel; one that is broken stays unknown."""
@@ -58,16 +58,45 @@ class _Names:
         stream = ReadDataStream(BytesIO(view[record.start : record.end]))
         try:
             if record.op == Opcode.SCHEMA:
-                schema = Schema.read(stream)
-                self.schemas.setdefault(schema.id, printable(schema.name))
+                found = Schema.read(stream)
+                self.schemas.setdefault(found.id, found)
             else:
-                channel = Channel.read(stream)
-                kind = _type_of(self.schemas.get(channel.schema_id, ""), channel.message_encoding)
-                self.channels.setdefault(
-                    channel.id, (printable(channel.topic), kind, channel.message_encoding)
-                )
+                self._add(ChannelRecord.read(stream))
         except (*DAMAGE, McapError):
             return
+
+    def _add(self, record: ChannelRecord) -> None:
+        schema = self.schemas.get(record.schema_id)
+        self.channels.setdefault(
+            record.id,
+            Channel(
+                printable(record.topic),
+                record.message_encoding,
+                printable(schema.name) if schema else "",
+                schema.encoding if schema else "",
+                schema.data if schema else b"",
+                tuple(record.metadata.items()),
+            ),
+        )
+
+
+def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...]]:
+    """Attachments and metadata that are whole; attachments that fail their checksum are left out."""
+    with path.open("rb") as stream:
+        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    attachments, metadata = [], []
+    for record in _records(view, _MAGIC_BYTES, Losses()):
+        if not record.is_whole or record.op not in {Opcode.ATTACHMENT, Opcode.METADATA}:
+            continue
+        content = bytes(view[record.start : record.end])
+        try:
+            if record.op == Opcode.METADATA:
+                metadata.append(Metadata.read(ReadDataStream(BytesIO(content))))
+            elif _U32.unpack(content[-_U32.size :])[0] in {0, zlib.crc32(content[: -_U32.size])}:
+                attachments.append(Attachment.read(ReadDataStream(BytesIO(content))))
+        except (*DAMAGE, McapError):
+            continue
+    return tuple(attachments), tuple(metadata)
 
 
 def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
@@ -119,11 +148,12 @@ def _message(record: _Record, view: memoryview, names: _Names, losses: Losses) -
     if start > record.end:
         losses.note(_BROKEN, messages=1)
         return
-    number, _, logged_ns, _ = _MESSAGE.unpack_from(view, record.start)
+    number, sequence, logged_ns, published_ns = _MESSAGE.unpack_from(view, record.start)
     if number not in names.channels:
         losses.note("messages without a channel", messages=1)
         return
-    yield StoredMessage(*names.channels[number], logged_ns, bytes(view[start : record.end]))
+    data = bytes(view[start : record.end])
+    yield StoredMessage(logged_ns, published_ns, sequence, names.channels[number], data)
 
 
 def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Record]:
@@ -144,11 +174,3 @@ def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Recor
             losses.note_missing(start + size - len(view))
         yield _Record(op, start, min(start + size, len(view)), is_whole)
         position = start + size
-
-
-def _type_of(schema: str, encoding: str) -> str:
-    """ROS 2 spelling of a message type where the encoding is one that is read, else its own name and encoding."""
-    if encoding not in ENCODINGS:
-        return f"{schema} ({encoding or 'no encoding'})"
-    package, _, last = schema.rpartition("/")
-    return f"{package.removesuffix('/msg')}/msg/{last}"

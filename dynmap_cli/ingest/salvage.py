@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from itertools import chain
 from pathlib import Path
 
 from dynmap_cli.ingest.bag1_records import bag1_messages
@@ -40,21 +39,11 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
     LogError
         If no message can be read.
     """
-    files = [path]
-    if path.is_dir():
-        files = sorted(
-            (inner for inner in path.iterdir() if inner.suffix in _READERS and inner.is_file()),
-            key=lambda inner: (len(inner.name), inner.name),
-        )
     losses = Losses([refusal.why] if refusal.why else [])
     recording = RawRecording(name, kind)
     counts: Counter[tuple[str, str]] = Counter()
-    span = _Span()
-    stored = chain.from_iterable(_READERS[file.suffix](file, losses) for file in files)
-    try:
-        take_messages(recording, _decoded(stored, recording, counts, span))
-    except OSError as err:
-        losses.note(str(err.strerror or err))
+    span = Span()
+    take_messages(recording, _decoded(stored_messages(path, losses), recording, counts, span))
     if not counts:
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
     recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
@@ -63,7 +52,22 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
     return recording
 
 
-class _Span:
+def stored_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
+    """Yield the messages that are whole in a file, or in the files of a folder, as they were written."""
+    files = [path]
+    if path.is_dir():
+        files = sorted(
+            (inner for inner in path.iterdir() if inner.suffix in _READERS and inner.is_file()),
+            key=lambda inner: (len(inner.name), inner.name),
+        )
+    try:
+        for file in files:
+            yield from _READERS[file.suffix](file, losses)
+    except OSError as err:
+        losses.note(str(err.strerror or err))
+
+
+class Span:
     """Earliest and latest time of recording."""
 
     def __init__(self) -> None:
@@ -86,18 +90,22 @@ def _decoded(
     stored: Iterator[StoredMessage],
     recording: RawRecording,
     counts: Counter[tuple[str, str]],
-    span: _Span,
+    span: Span,
 ) -> Iterator[Message]:
     """Messages of the types that are used; all are counted."""
     decode = message_decoders()
     for message in stored:
-        counts[message.topic, message.msgtype] += 1
+        channel = message.channel
+        encoding, kind = channel.message_encoding, channel.message_type
+        if encoding not in decode:
+            kind = f"{channel.schema_name} ({encoding or 'no encoding'})"
+        counts[channel.topic, kind] += 1
         span.add(message.logged_ns)
-        if message.msgtype not in USED_TYPES or message.encoding not in decode:
+        if kind not in USED_TYPES or encoding not in decode:
             continue
         try:
-            content = decode[message.encoding](message.data, message.msgtype)
+            content = decode[encoding](message.data, kind)
         except Exception as err:
-            decoding_failed(recording, message.topic, err)
+            decoding_failed(recording, channel.topic, err)
             continue
-        yield Message(message.topic, message.msgtype, message.logged_ns, content)
+        yield Message(channel.topic, kind, message.logged_ns, content)

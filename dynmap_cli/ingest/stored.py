@@ -1,9 +1,10 @@
-"""What the readers of damaged and foreign containers hand on: stored messages, and an account of what was lost."""
+"""Messages as they lie in a container, and an account of what was lost of a damaged one."""
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.plausible import printable
@@ -15,24 +16,40 @@ _MOST_MISSING = 1 << 44
 
 
 @dataclass(frozen=True, slots=True)
-class StoredMessage:
-    """A message as it lies in a container.
+class Channel:
+    """Where a message belongs: what a channel of an MCAP file and its schema say.
 
     Attributes
     ----------
-    topic : str
-    msgtype : str
-        ROS 2 spelling; where the encoding is not one that is read, its own name and encoding.
-    encoding : str
-        "cdr", "ros1" or another.
-    logged_ns : int
-    data : bytes
+    topic, message_encoding : str
+        The encoding is "cdr", "ros1" or another.
+    schema_name, schema_encoding : str
+        "" = no schema.
+    schema_data : bytes
+    metadata : tuple of (str, str)
     """
 
     topic: str
-    msgtype: str
-    encoding: str
+    message_encoding: str
+    schema_name: str
+    schema_encoding: str
+    schema_data: bytes
+    metadata: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def message_type(self) -> str:
+        """ROS 2 spelling of the type."""
+        package, _, last = self.schema_name.rpartition("/")
+        return f"{package.removesuffix('/msg')}/msg/{last}"
+
+
+class StoredMessage(NamedTuple):
+    """A message as it lies in a container."""
+
     logged_ns: int
+    published_ns: int
+    sequence: int
+    channel: Channel
     data: bytes
 
 

@@ -13,7 +13,17 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.simulation.driving import Drive
 from dynmap_cli.simulation.quantities import Point
 from dynmap_cli.simulation.randomness import stream
-from dynmap_cli.simulation.scenario import Block, Follow, Moving, Scenario, Stand, Walk, Wander
+from dynmap_cli.simulation.scenario import (
+    Accompany,
+    Block,
+    Follow,
+    Moving,
+    Scenario,
+    Stand,
+    Stream,
+    Walk,
+    Wander,
+)
 
 _LEG_RADIUS_M, _TRUNK_RADIUS_M = 0.06, 0.18
 _LEG_SIDE_M = 0.1
@@ -21,6 +31,8 @@ _HALF_STEP_M = 0.32
 _ROBOT_RADIUS_M = 0.25
 _CLEAR_M = 0.5
 _SECONDS_PER_SAMPLE = 0.2
+_NEAREST_COMPANION_M = 0.7
+_SLOW_TO_TURN_S = np.array([0.0, 1.0, 2.0, 3.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +48,7 @@ class Track:
     times_s : (n,) float64
         Ascending, seconds since the start.
     points : (n, 2) float64
-        Where it is at each time, world frame, metres.
+        Where it is at each time, world frame, metres; NaN = away from the knot before to the one after.
     present_s : tuple of float
         From when until when it is there.
     clear_m : float
@@ -53,7 +65,7 @@ class Track:
     def at(self, times_s: F64, robot: F64) -> tuple[F64, F64]:
         """(m,) times and (m, 3) robot poses -> (m, 3) poses, NaN where it is not there, and (m,) length walked."""
         steps = np.diff(self.points, axis=0)
-        lengths = np.linalg.norm(steps, axis=1)
+        lengths = np.nan_to_num(np.linalg.norm(steps, axis=1))
         walked = np.interp(times_s, self.times_s, np.concatenate([[0.0], np.cumsum(lengths)]))
         place = np.column_stack([np.interp(times_s, self.times_s, self.points[:, axis]) for axis in (0, 1)])
         moving = np.flatnonzero(lengths > 1e-6)
@@ -117,7 +129,7 @@ def shapes_at(all_tracks: Sequence[Track], times_s: F64, robot: F64, sees: str) 
 
 def _clearance_m(mover: Moving) -> float:
     """How near to the robot a mover may come; who goes with the robot keeps its own distance."""
-    if isinstance(mover, Follow | Block):
+    if isinstance(mover, Accompany | Follow | Block):
         return 0.0
     return _CLEAR_M if mover.shape == "person" else math.hypot(*mover.size_m) / 2.0 + _CLEAR_M
 
@@ -132,6 +144,10 @@ def _ways(
         return [_wander(mover, routes, drive, draw) for _ in range(mover.count)]
     if isinstance(mover, Stand):
         return [_stand(mover, number, drive, draw) for number in range(mover.count)]
+    if isinstance(mover, Stream):
+        return [_stream(mover, drive, draw) for _ in range(mover.count)]
+    if isinstance(mover, Accompany):
+        return [_accompany(mover, drive, draw) for _ in range(mover.count)]
     assert isinstance(mover, Follow | Block)
     return [_with_robot(mover, drive, draw)]
 
@@ -220,6 +236,45 @@ def _stand(mover: Stand, number: int, drive: Drive, draw: np.random.Generator) -
         shift = draw.normal(0.0, 0.08, size=2).tolist()
         way.go((home[0] + shift[0], home[1] + shift[1]), 0.5)
     return way.arrays()
+
+
+def _stream(mover: Stream, drive: Drive, draw: np.random.Generator) -> tuple[F64, F64]:
+    """Along the path over and over, each time on another lane, after a moment away."""
+    length_m = sum(map(math.dist, mover.path, mover.path[1:]))
+    speed = mover.speed_mps * float(draw.uniform(0.85, 1.15))
+    way = _new_way(
+        mover.from_s - float(draw.uniform(0.0, 1.0)) * length_m / speed, (math.nan, math.nan), drive
+    )
+    while way.times[-1] <= drive.duration_s:
+        lane = _beside(mover.path, mover.width_m * float(draw.uniform(-0.5, 0.5)))
+        way.go(lane[0], float(draw.uniform(0.5, 2.0)))
+        for here, there in pairwise(lane):
+            way.go(there, math.dist(here, there) / speed)
+        way.go((math.nan, math.nan), float(draw.uniform(0.5, 2.0)))
+    return way.arrays()
+
+
+def _beside(path: Sequence[Point], left_m: float) -> list[Point]:
+    """The same path, shifted to the left; corners along the mean normal of both legs."""
+    points = np.array(path)
+    along = np.diff(points, axis=0)
+    along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    at_points = np.concatenate([along[:1], along[:-1] + along[1:], along[-1:]])
+    at_points /= np.maximum(np.linalg.norm(at_points, axis=1), 1e-9)[:, None]
+    shifted = points + left_m * np.column_stack([-at_points[:, 1], at_points[:, 0]])
+    return [(float(x), float(y)) for x, y in shifted]
+
+
+def _accompany(mover: Accompany, drive: Drive, draw: np.random.Generator) -> tuple[F64, F64]:
+    """At a place beside the robot, swaying a little; where the robot turns, the group follows more slowly."""
+    times = drive.ticks(0.0, _SECONDS_PER_SAMPLE)
+    bearing = float(draw.uniform(0.0, 2.0 * np.pi))
+    distance = math.sqrt(float(draw.uniform(_NEAREST_COMPANION_M**2, max(mover.reach_m, 1.0) ** 2)))
+    yaw = np.mean([drive.at(times - ago)[:, 2] for ago in _SLOW_TO_TURN_S], axis=0) + bearing
+    phases = draw.uniform(0.0, 2.0 * np.pi, size=2)
+    sway = 0.12 * np.column_stack([np.sin(times * 2.0 * np.pi / 7.0 + phase) for phase in phases])
+    beside = distance * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    return times, drive.at(times)[:, :2] + beside + sway
 
 
 def _with_robot(mover: Follow | Block, drive: Drive, draw: np.random.Generator) -> tuple[F64, F64]:

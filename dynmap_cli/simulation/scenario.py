@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -191,6 +192,13 @@ class Moving(Part):
     to_s: Mean | None = Field(None, description="Seconds since the start until which it is there.")
 
 
+def _check_way(path: Sequence[Point], whose: str) -> None:
+    """Refuse a path on which nobody gets anywhere."""
+    if sum(map(math.dist, path, path[1:])) < _LEAST_WAY_M:
+        msg = f"the path of {whose} is shorter than {_LEAST_WAY_M:g} m; let it stand instead"
+        raise ValueError(msg)
+
+
 class Walk(Moving):
     """Goes along a path, to and fro or round and round."""
 
@@ -203,9 +211,7 @@ class Walk(Moving):
     @model_validator(mode="after")
     def _check_length(self) -> Walk:
         """Somebody who walks gets somewhere."""
-        if sum(map(math.dist, self.path, self.path[1:])) < _LEAST_WAY_M:
-            msg = f"the path of a walker is shorter than {_LEAST_WAY_M:g} m; let it stand instead"
-            raise ValueError(msg)
+        _check_way(self.path, "a walker")
         return self
 
 
@@ -227,6 +233,30 @@ class Stand(Moving):
     count: int = Field(1, ge=1, le=1000)
 
 
+class Stream(Moving):
+    """Many who go along a path, all one way; at its end each begins again at its start, as another one would."""
+
+    does: Literal["stream"] = "stream"
+    path: tuple[Point, ...] = Field(min_length=2)
+    count: int = Field(20, ge=1, le=1000)
+    width_m: Length = Field(4.0, description="How wide the stream is.")
+    speed_mps: Speed = Field(1.0, description="Mean; everybody goes up to 15 % faster or slower.")
+
+    @model_validator(mode="after")
+    def _check_length(self) -> Stream:
+        """Somebody who walks gets somewhere."""
+        _check_way(self.path, "a stream")
+        return self
+
+
+class Accompany(Moving):
+    """A group that goes with the robot, all around it, each at a place of their own."""
+
+    does: Literal["accompany"] = "accompany"
+    count: int = Field(8, ge=1, le=1000)
+    reach_m: Length = Field(2.5, description="How far from the robot the outermost go.")
+
+
 class Follow(Moving):
     """Goes behind the robot, on its path."""
 
@@ -241,7 +271,7 @@ class Block(Moving):
     distance_m: Length = 1.2
 
 
-Mover = Annotated[Walk | Wander | Stand | Follow | Block, Field(discriminator="does")]
+Mover = Annotated[Walk | Wander | Stream | Stand | Accompany | Follow | Block, Field(discriminator="does")]
 
 
 class Scenario(Part):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 
@@ -20,6 +21,7 @@ from dynmap_cli.export.labels import BeamLabels, hits_known_state
 from dynmap_cli.export.text_logs import TextChoices
 from dynmap_cli.files.counting_map import read_beams
 from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.ingest.mcap_records import mcap_extras
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.written import ROS1, ROS2, SCAN, World, lone_file, write_bag1, write_bag2, write_mcap
@@ -252,3 +254,60 @@ def test_beams_on_known_states_are_kept_when_asked(corridor, sample_logs, tmp_pa
     assert plain["kept_on_changing_things"] == 0
     assert kept["removed_beams"] + kept["kept_on_changing_things"] == plain["removed_beams"]
     assert kept["kept_on_changing_things"] < 0.2 * plain["removed_beams"]
+
+
+def cut(path, share=0.7):
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    return path
+
+
+def with_a_bad_block(path):
+    data = bytearray(path.read_bytes())
+    data[data.index(b"\x28\xb5\x2f\xfd", len(data) // 2) + 60] ^= 1
+    path.write_bytes(data)
+    return path
+
+
+DAMAGED = {
+    "ROS 1 bag, cut": lambda folder, world: cut(write_bag1(folder / "a.bag", world)),
+    "lone .db3, cut": lambda folder, world: cut(lone_file(write_bag2(folder / "a", world), ".db3")),
+    "MCAP, cut": lambda folder, world: cut(write_mcap(folder / "a.mcap", world, "ros2")),
+    "MCAP of ROS 1, cut": lambda folder, world: cut(write_mcap(folder / "a.mcap", world, "ros1", "ros1")),
+    "MCAP, a block fails its checksum": lambda folder, world: with_a_bad_block(
+        write_mcap(folder / "a.mcap", world, "ros2")
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_damaged_recording_is_cleaned_as_far_as_it_is_whole(tmp_path, kind):
+    path = DAMAGED[kind](tmp_path, World(n_scans=60, n_beams=40, step_rad=0.05))
+    log, report = read_recordings([path], IngestSettings())
+    assert 20 < log.n_scans < 60
+    labels, probability = labels_for(log)
+    out = tmp_path / "clean.mcap"
+    done = write_clean([path], out, labels, text=NO_TEXT, is_label=False, settings=IngestSettings())
+    assert done.scans == {"/scan": log.n_scans}
+    assert labels.was_found.all()
+    (said,) = done.losses
+    assert said.split("; recovered")[1] == report.warnings[0].split("; recovered")[1]
+    again, after = read_recordings([out], IngestSettings())
+    np.testing.assert_array_equal(again.stamps_ns, log.stamps_ns)
+    np.testing.assert_array_equal(again.odometry, log.odometry)
+    np.testing.assert_array_equal(
+        again.ranges_m, np.where(probability < 0.3, np.float32(np.nan), log.ranges_m)
+    )
+    assert not after.warnings
+
+
+def test_attachments_and_metadata_of_a_cut_file_are_kept(tmp_path):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="test")
+        writer.add_attachment(1, 2, "note.txt", "text/plain", b"a note")
+        writer.add_metadata("robot", {"name": "r2"})
+    attachments, metadata = mcap_extras(path)
+    assert [(one.name, one.data) for one in attachments] == [("note.txt", b"a note")]
+    assert [(one.name, one.metadata) for one in metadata] == [("robot", {"name": "r2"})]

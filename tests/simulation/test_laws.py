@@ -297,6 +297,52 @@ def test_followers_and_blockers_keep_their_distance_and_people_step_aside():
         assert away.max() < high
 
 
+def test_a_stream_goes_one_way_inside_its_width_and_nobody_jumps():
+    stream = {"does": "stream", "path": [[0, 2], [8, 2]], "count": 6, "width_m": 2.0, "speed_mps": 1.0}
+    scenario = parse_scenario(room(movers=[stream], robot={"path": [[0, 50], [40, 50]], "speed_mps": 1.0}))
+    drive = plan_drive(scenario.robot)
+    times = np.arange(0.0, drive.duration_s, 0.01)
+    all_tracks = tracks(scenario, drive)
+    assert len(all_tracks) == 6
+    for track in all_tracks:
+        poses, walked = track.at(times, drive.at(times))
+        is_there = np.isfinite(poses[:, 0])
+        assert 0.5 < is_there.mean() < 1.0
+        assert np.abs(poses[is_there, 1] - 2.0).max() <= 1.0 + 1e-9
+        together = is_there[1:] & is_there[:-1]
+        speeds = np.diff(poses[:, 0])[together] / 0.01
+        assert speeds.min() > 0.85 - 1e-6
+        assert speeds.max() < 1.15 + 1e-6
+        assert (np.diff(walked) >= 0.0).all()
+
+
+def test_a_stream_keeps_its_width_around_corners():
+    stream = {"does": "stream", "path": [[0, 0], [9, 0], [9, 9]], "count": 20, "width_m": 2.0}
+    scenario = parse_scenario(room(movers=[stream], robot={"path": [[0, 50], [40, 50]]}))
+    drive = plan_drive(scenario.robot)
+    times = np.arange(0.0, drive.duration_s, 0.1)
+    poses = np.concatenate([track.at(times, drive.at(times))[0] for track in tracks(scenario, drive)])
+    x, y = poses[np.isfinite(poses[:, 0]), :2].T
+    away = np.minimum(np.abs(y) + np.maximum(x - 10.0, 0.0), np.abs(x - 9.0) + np.maximum(-1.0 - y, 0.0))
+    assert away.max() <= 1.0 + 1e-9
+
+
+def test_companions_stay_around_the_robot():
+    group = {"does": "accompany", "count": 12, "reach_m": 2.0}
+    scenario = parse_scenario(room(movers=[group]))
+    drive = plan_drive(scenario.robot)
+    times = np.arange(0.0, drive.duration_s, 0.1)
+    robot = drive.at(times)
+    offsets = np.stack([track.at(times, robot)[0][:, :2] - robot[:, :2] for track in tracks(scenario, drive)])
+    away = np.linalg.norm(offsets, axis=2)
+    assert offsets.shape[0] == 12
+    assert away.min() > 0.45
+    assert away.max() < 2.25
+    assert np.linalg.norm(np.diff(offsets, axis=1), axis=2).max() < 0.5
+    bearings = np.arctan2(offsets[:, 0, 1], offsets[:, 0, 0])
+    assert np.ptp(bearings) > np.pi
+
+
 @pytest.mark.parametrize("when", ["near", "away"])
 def test_changes_wait_for_the_robot_to_be_near_or_away(when):
     box = {
