@@ -14,6 +14,7 @@ from dynmap_cli.errors import DynmapError
 
 VERBS = (
     "build",
+    "update",
     "ingest",
     "map",
     "segment",

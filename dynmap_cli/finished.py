@@ -1,18 +1,100 @@
-"""What is read from a finished run: a map for planners, the history of its sub-maps, why one of them is there."""
+"""What a finished run is used for: to localize in it, to clean recordings, to plan on it, to look into it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
+from dynmap_cli.config import Config
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.export.stage import check_output, clean_to_file
+from dynmap_cli.files.lock import writing
+from dynmap_cli.files.manifest import manifest_path
 from dynmap_cli.history import stage as history
 from dynmap_cli.ingest.stage import STAGE as INGEST
+from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
-from dynmap_cli.pipeline import finished_run
+from dynmap_cli.pipeline import (
+    STAGES,
+    StageResult,
+    check_chain,
+    check_recordings,
+    context_of,
+    finished_run,
+    keep_recordings,
+    run_stage,
+)
 from dynmap_cli.planner import stage as planner
 from dynmap_cli.planner.choice import StateRule
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
+
+
+def localize(
+    run_dir: Path | None,
+    recordings: Sequence[Path],
+    out_dir: Path,
+    config: Config,
+    *,
+    threads: int,
+    force: bool,
+    map_yaml: Path | None = None,
+) -> list[StageResult]:
+    """Localize recordings in the maps of a run, or in any map_server map.
+
+    The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
+    """
+    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
+        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
+        raise ArtifactError(msg)
+    check_recordings(recordings)
+    context = replace(
+        context_of(run_dir or out_dir, config, threads, ()),
+        scans_dir=out_dir / INGEST.folder,
+        map_yaml=map_yaml,
+    )
+    with ExitStack() as locks:
+        if run_dir is not None:
+            locks.enter_context(finished_run(run_dir, ()))
+            check_chain(run_dir, LOCALIZE)
+        locks.enter_context(writing(out_dir))
+        if not force:
+            keep_recordings(out_dir, recordings)
+        ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
+        return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
+
+
+def clean(
+    recordings: Sequence[Path],
+    out_path: Path,
+    config: Config,
+    *,
+    run_dir: Path | None,
+    keep_changing: bool,
+    is_label: bool,
+    force: bool,
+    threads: int,
+) -> dict[str, Any]:
+    """Write recordings without the beams that hit something that moves; without *run_dir* they are mapped first."""
+    check_recordings(recordings)
+    check_output(out_path, recordings, force=force)
+    stages = STAGES[: STAGES.index(CLUSTER if keep_changing else MAP) + 1]
+    with ExitStack() as stack:
+        if run_dir is None:
+            run_dir = Path(stack.enter_context(TemporaryDirectory(prefix="dynmap-")))
+            context = context_of(run_dir, config, threads, tuple(recordings))
+            for stage in stages:
+                run_stage(stage, context, force=False)
+        else:
+            remedy = "Leave out --run to have the recordings mapped first."
+            stack.enter_context(finished_run(run_dir, stages, remedy))
+        return clean_to_file(
+            run_dir, recordings, out_path, config.ingest, keep_changing=keep_changing, is_label=is_label
+        )
 
 
 def export_map(run_dir: Path, out_dir: Path, rule: StateRule, *, force: bool) -> dict[str, Any]:

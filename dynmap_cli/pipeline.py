@@ -6,11 +6,10 @@ import logging
 import platform
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
@@ -19,7 +18,7 @@ from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError, DynmapError, LogError
-from dynmap_cli.export.stage import check_output, clean_to_file
+from dynmap_cli.files import known
 from dynmap_cli.files.atomic import replacing, scratch_folder
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.manifest import (
@@ -33,7 +32,6 @@ from dynmap_cli.files.manifest import (
 from dynmap_cli.files.pgm import image_of
 from dynmap_cli.ingest.containers import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
-from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
 from dynmap_cli.report.stage import STAGE as REPORT
 from dynmap_cli.reruns import check_same_recordings, why_again
@@ -97,12 +95,14 @@ def build(
     """
     names = [stage.name for stage in STAGES]
     forced = 0 if force else len(names) if force_from is None else names.index(force_from)
-    context = _context(run_dir, config, threads, tuple(recordings))
-    _check_recordings(recordings)
+    context = context_of(run_dir, config, threads, tuple(recordings))
+    check_recordings(recordings)
     results = []
     with writing(run_dir):
-        if not force:
-            _keep_recordings(run_dir, recordings)
+        if force:
+            known.forget(run_dir)
+        else:
+            keep_recordings(run_dir, recordings)
         for number, stage in enumerate(STAGES):
             results.append(run_stage(stage, context, force=number >= forced))
             _note_run(results[-1], run_dir, config)
@@ -115,7 +115,7 @@ def run_one(
     """Run a single stage of a run directory."""
     stage = next(stage for stage in STAGES if stage.name == name)
     if stage is INGEST:
-        _check_recordings(recordings)
+        check_recordings(recordings)
     elif not run_dir.is_dir():
         msg = (
             f"{run_dir}: no such run directory. Run `dynmap ingest LOG -o {run_dir}` or `dynmap build` first."
@@ -123,73 +123,10 @@ def run_one(
         raise ArtifactError(msg)
     with writing(run_dir):
         if stage is INGEST and not force:
-            _keep_recordings(run_dir, recordings)
-        result = run_stage(stage, _context(run_dir, config, threads, tuple(recordings)), force=force)
+            keep_recordings(run_dir, recordings)
+        result = run_stage(stage, context_of(run_dir, config, threads, tuple(recordings)), force=force)
         _note_run(result, run_dir, config)
     return result
-
-
-def localize(
-    run_dir: Path | None,
-    recordings: Sequence[Path],
-    out_dir: Path,
-    config: Config,
-    *,
-    threads: int,
-    force: bool,
-    map_yaml: Path | None = None,
-) -> list[StageResult]:
-    """Localize recordings in the maps of a run, or in any map_server map.
-
-    The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
-    """
-    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
-        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
-        raise ArtifactError(msg)
-    _check_recordings(recordings)
-    context = replace(
-        _context(run_dir or out_dir, config, threads, ()),
-        scans_dir=out_dir / INGEST.folder,
-        map_yaml=map_yaml,
-    )
-    with ExitStack() as locks:
-        if run_dir is not None:
-            locks.enter_context(finished_run(run_dir, ()))
-            _check_chain(run_dir, LOCALIZE)
-        locks.enter_context(writing(out_dir))
-        if not force:
-            _keep_recordings(out_dir, recordings)
-        ingested = run_stage(INGEST, _context(out_dir, config, threads, tuple(recordings)), force=force)
-        return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
-
-
-def clean(
-    recordings: Sequence[Path],
-    out_path: Path,
-    config: Config,
-    *,
-    run_dir: Path | None,
-    keep_changing: bool,
-    is_label: bool,
-    force: bool,
-    threads: int,
-) -> dict[str, Any]:
-    """Write recordings without the beams that hit something that moves; without *run_dir* they are mapped first."""
-    _check_recordings(recordings)
-    check_output(out_path, recordings, force=force)
-    stages = STAGES[: STAGES.index(CLUSTER if keep_changing else MAP) + 1]
-    with ExitStack() as stack:
-        if run_dir is None:
-            run_dir = Path(stack.enter_context(TemporaryDirectory(prefix="dynmap-")))
-            context = _context(run_dir, config, threads, tuple(recordings))
-            for stage in stages:
-                run_stage(stage, context, force=False)
-        else:
-            remedy = "Leave out --run to have the recordings mapped first."
-            stack.enter_context(finished_run(run_dir, stages, remedy))
-        return clean_to_file(
-            run_dir, recordings, out_path, config.ingest, keep_changing=keep_changing, is_label=is_label
-        )
 
 
 @contextmanager
@@ -199,10 +136,15 @@ def finished_run(run_dir: Path, stages: Sequence[Stage], remedy: str = "") -> It
         msg = f"{run_dir}: no such run directory. {remedy or f'Run `dynmap build LOG -o {run_dir}` first.'}"
         raise ArtifactError(msg)
     with reading(run_dir):
-        for stage in stages:
-            _outputs_of(run_dir / stage.folder, stage)
-        _check_made(run_dir, stages)
+        check_finished(run_dir, stages)
         yield
+
+
+def check_finished(run_dir: Path, stages: Sequence[Stage]) -> None:
+    """Refuse a run in which a stage is not done, or was made from other files than those of the run."""
+    for stage in stages:
+        _outputs_of(run_dir / stage.folder, stage)
+    _check_made(run_dir, stages)
 
 
 def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path | None = None) -> StageResult:
@@ -238,7 +180,7 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
             seconds=round(time.process_time() - started, 3),
             dynmap_version=__version__,
         )
-        _publish(part, folder, manifest)
+        publish(part, folder, manifest)
     return StageResult(stage.name, ran=True, manifest=manifest, folder=folder)
 
 
@@ -269,7 +211,7 @@ def write_run_yaml(run_dir: Path, config: Config) -> None:
         part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
-def _context(run_dir: Path, config: Config, threads: int, recordings: tuple[Path, ...]) -> StageContext:
+def context_of(run_dir: Path, config: Config, threads: int, recordings: tuple[Path, ...]) -> StageContext:
     """What every stage of a run directory is given."""
     return StageContext(run_dir, run_dir, config, recordings, threads, scans_dir=run_dir / INGEST.folder)
 
@@ -286,16 +228,27 @@ def _settings_of(stage: Stage, config: Config) -> dict[str, Any]:
 def _inputs_of(stage: Stage, context: StageContext) -> dict[str, str]:
     """Digests of what a stage reads: of the recordings, or as the manifests of earlier stages state them."""
     if stage is INGEST:
-        return _digests_of(context.recordings, LogError)
+        return _recordings_of(context)
     inputs = _outputs_of(context.scans_dir, INGEST)
     if context.map_yaml is not None:
-        return inputs | _digests_of((context.map_yaml, image_of(context.map_yaml)), ArtifactError)
+        return inputs | digests_of((context.map_yaml, image_of(context.map_yaml)), ArtifactError)
     if context.scans_dir == context.run_dir / INGEST.folder:
-        _check_chain(context.run_dir, stage)
+        check_chain(context.run_dir, stage)
     for earlier in _read_by(stage):
         if earlier is not INGEST:
             inputs.update(_outputs_of(context.run_dir / earlier.folder, earlier))
+    if f"{known.FOLDER}/" in stage.reads:
+        inputs.update(known.known_digests(context.run_dir))
     return inputs
+
+
+def _recordings_of(context: StageContext) -> dict[str, str]:
+    """Digests of the recordings, and of those that were read before."""
+    recordings = digests_of(context.recordings, LogError)
+    if context.earlier_scans is None:
+        return recordings
+    before = read_manifest(context.earlier_scans, INGEST.name)
+    return {**(before.inputs if before else {}), **recordings}
 
 
 def _read_by(stage: Stage) -> list[Stage]:
@@ -323,7 +276,7 @@ def _outputs_of(folder: Path, stage: Stage) -> dict[str, str]:
     return {f"{stage.folder}/{name}": digest for name, digest in manifest.outputs.items()}
 
 
-def _check_chain(run_dir: Path, stage: Stage) -> None:
+def check_chain(run_dir: Path, stage: Stage) -> None:
     """Refuse files that were made from others than those which are there now.
 
     A run whose scans were taken away to save space can still be localized in.
@@ -350,7 +303,7 @@ def _check_made(run_dir: Path, stages: Sequence[Stage]) -> None:
                 raise ArtifactError(msg)
 
 
-def _check_recordings(recordings: Sequence[Path]) -> None:
+def check_recordings(recordings: Sequence[Path]) -> None:
     """Refuse recordings that are not there before anything is made."""
     if not recordings:
         msg = "no recording given. Pass one or more files or folders."
@@ -359,13 +312,13 @@ def _check_recordings(recordings: Sequence[Path]) -> None:
         check_path(path)
 
 
-def _keep_recordings(folder: Path, recordings: Sequence[Path]) -> None:
+def keep_recordings(folder: Path, recordings: Sequence[Path]) -> None:
     """Refuse other recordings than those that a folder was made from."""
     done = read_manifest(folder / INGEST.folder, INGEST.name)
-    check_same_recordings(folder, done, _digests_of(recordings, LogError))
+    check_same_recordings(folder, done, digests_of(recordings, LogError))
 
 
-def _digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str]:
+def digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str]:
     """Digest of each file or folder, by its path as given."""
     digests = {}
     for path in paths:
@@ -377,7 +330,7 @@ def _digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, st
     return digests
 
 
-def _publish(part: Path, folder: Path, manifest: Manifest) -> None:
+def publish(part: Path, folder: Path, manifest: Manifest) -> None:
     """Move the files of a stage to their place; the manifest is taken away first and written last."""
     previous = read_manifest_or_none(folder, manifest.stage)
     manifest_path(folder, manifest.stage).unlink(missing_ok=True)

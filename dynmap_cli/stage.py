@@ -30,6 +30,8 @@ class StageContext:
         The folder of scan columns: that of the run, or of the recording that is localized in it.
     map_yaml : Path or None
         A map_server map to localize in, instead of the run's own maps.
+    earlier_scans : Path or None
+        Columns of recordings that were read before, to which the recordings are added.
     """
 
     run_dir: Path
@@ -39,6 +41,7 @@ class StageContext:
     threads: int
     scans_dir: Path
     map_yaml: Path | None = None
+    earlier_scans: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F64
+from dynmap_cli.clustering.numbering import keep_numbers
 from dynmap_cli.clustering.sequences import SequenceParams
 from dynmap_cli.clustering.settings import ClusteringSettings
 from dynmap_cli.clustering.states import StateParams, describe, learn_states
@@ -19,6 +20,7 @@ from dynmap_cli.domain.patches import PatchSet, Visit
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.known import read_known_patches
 from dynmap_cli.files.patch_archive import write_patches
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
@@ -93,6 +95,7 @@ def run(context: StageContext) -> dict[str, Any]:
             threads=context.threads,
             on_submap=tick,
         )
+    patch_sets, visits = keep_numbers(patch_sets, visits, read_known_patches(context.run_dir))
     write_patches(context.out_dir / "patches.zip", submaps, patch_sets, visits)
     return {
         "submaps": len(submaps),
@@ -109,7 +112,7 @@ STAGE = Stage(
     title="learning the states of each area",
     section="clustering",
     folder="patches",
-    reads=("scans/", "map/", "submaps/"),
+    reads=("scans/", "map/", "submaps/", "known/"),
     writes=("patches/patches.zip",),
     run=run,
 )

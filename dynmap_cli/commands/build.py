@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+from dynmap_cli.commands.options import PATH, Shared, print_results, recording_options, shared_options
 
 STAGE_NAMES = ("ingest", "map", "segment", "cluster", "report")
 
@@ -34,10 +34,4 @@ def command(
         force=force,
         force_from=force_from,
     )
-    lines = [
-        f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
-    ]
-    lines += [f"map      {run_dir / 'map/map.yaml'}", f"patches  {run_dir / 'patches/patches.zip'}"]
-    lines += [f"report   {run_dir / 'report.html'}", f"figures  {run_dir / 'figures'}/"]
-    summary = {result.stage: {**result.manifest.summary, "ran": result.ran} for result in results}
-    print_summary({"run": str(run_dir), "stages": summary}, lines, as_json=shared.as_json)
+    print_results(run_dir, results, as_json=shared.as_json)

@@ -51,7 +51,7 @@ def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared
 ) -> None:
     """Track pose and state of the world through LOG, in the maps of RUN or in --map."""
-    from dynmap_cli.pipeline import localize
+    from dynmap_cli.finished import localize
 
     run_dir = None if map_yaml else paths[0]
     recordings = paths if map_yaml else paths[1:]

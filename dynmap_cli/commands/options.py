@@ -8,7 +8,7 @@ import logging
 import math
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from dynmap_cli.errors import ArtifactError
 
 if TYPE_CHECKING:
     from dynmap_cli.config import Config, LoadedConfig
+    from dynmap_cli.pipeline import StageResult
 
 Function = Callable[..., Any]
 PATH = click.Path(path_type=Path)
@@ -151,6 +152,17 @@ def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -
         echo("".join(f"{line}\n" for line in lines if line not in warnings))
     for line in warnings:
         click.echo(line, err=True)
+
+
+def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: bool) -> None:
+    """Write what the stages of a run found, and where its files are."""
+    lines = [
+        f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
+    ]
+    lines += [f"map      {run_dir / 'map/map.yaml'}", f"patches  {run_dir / 'patches/patches.zip'}"]
+    lines += [f"report   {run_dir / 'report.html'}", f"figures  {run_dir / 'figures'}/"]
+    summary = {result.stage: {**result.manifest.summary, "ran": result.ran} for result in results}
+    print_summary({"run": str(run_dir), "stages": summary}, lines, as_json=as_json)
 
 
 def echo(text: str) -> None:

@@ -49,8 +49,9 @@ def command(shared: Shared) -> None:
 
 def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     """Simulate, build, localize; what is written is thrown away."""
+    from dynmap_cli.finished import localize
     from dynmap_cli.ingest.settings import IngestSettings
-    from dynmap_cli.pipeline import build, localize
+    from dynmap_cli.pipeline import build
     from dynmap_cli.simulation.stage import simulate_to_files
 
     scenario, recording = folder / "room.yaml", folder / "room.mcap"

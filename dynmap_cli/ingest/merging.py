@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
 
@@ -101,11 +102,7 @@ def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> 
     """
     gap_s = (first_stamp_ns(later) - _last_stamp_ns(earlier)) * 1e-9
     if gap_s < -_OVERLAP_S:
-        msg = (
-            f"{earlier.name} and {later.name}: they overlap in time by {-gap_s:.1f} s. Recordings of one site are "
-            "made one after another; leave one of them out."
-        )
-        raise LogError(msg)
+        raise _at_the_same_time(earlier.name, later.name, -gap_s)
     frames = [
         {(laser.name, laser.frame) for laser in recording.lasers.values()} for recording in (earlier, later)
     ]
@@ -140,6 +137,32 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     joined.dropped += recording.dropped
     joined.warnings += recording.warnings
     joined.n_read += recording.n_read
+
+
+def add_drives(earlier: ScanLog, later: ScanLog) -> ScanLog:
+    """Put the drives of a log that is there and of one that was read now into one.
+
+    Raises
+    ------
+    LogError
+        If two were made at the same time.
+    """
+    for number in range(earlier.n_drives):
+        stamps = earlier.stamps_ns[earlier.drive_index == number]
+        overlap_s = (min(stamps[-1], later.stamps_ns[-1]) - max(stamps[0], later.stamps_ns[0])) * 1e-9
+        if overlap_s > _OVERLAP_S:
+            raise _at_the_same_time(
+                ", ".join(earlier.recordings_of(number)), ", ".join(later.recordings), overlap_s
+            )
+    return join_drives([earlier, later])
+
+
+def _at_the_same_time(earlier: str, later: str, overlap_s: float) -> LogError:
+    """One line for recordings of which one cannot come after the other."""
+    return LogError(
+        f"{earlier} and {later}: they overlap in time by {overlap_s:.1f} s. Recordings of one site are made one after "
+        "another; leave one of them out."
+    )
 
 
 @dataclass(slots=True)

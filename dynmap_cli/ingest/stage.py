@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
-from dynmap_cli.files.scan_log import SCAN_FILES, write_scan_log
+from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log, write_scan_log
 from dynmap_cli.stage import Stage, StageContext
 
 
 def run(context: StageContext) -> dict[str, Any]:
-    """Read the recordings, write the columns of their scans."""
+    """Read the recordings, write the columns of their scans, after those that are there already."""
+    from dynmap_cli.ingest.merging import add_drives
     from dynmap_cli.ingest.reading import read_recordings
 
     log, report = read_recordings(context.recordings, context.config.ingest)
+    summary = report.summary()
+    if context.earlier_scans is not None:
+        earlier = read_scan_log(context.earlier_scans)
+        log = add_drives(earlier, log)
+        summary["lines"].append(
+            f"added to {earlier.n_scans} scans of {', '.join(earlier.recordings)}, which were not read again"
+        )
     write_scan_log(context.out_dir, log)
-    return report.summary()
+    return summary
 
 
 STAGE = Stage(

@@ -15,11 +15,13 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError, ConfigError
 from dynmap_cli.files.counting_map import read_counting_map
+from dynmap_cli.files.known import read_known_submaps
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
+from dynmap_cli.segmentation.numbering import keep_numbers
 from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_submaps, merge_regions
 from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.stage import Stage, StageContext
@@ -92,6 +94,7 @@ def run(context: StageContext) -> dict[str, Any]:
     windows = len(time_windows(log, settings.window_s))
     with progress("segment", windows, "windows") as tick:
         submaps, found = find_submaps(log, trajectory.poses, frame, settings, tick)
+    submaps = keep_numbers(submaps, read_known_submaps(context.run_dir))
     write_submaps(context.out_dir, submaps)
     area = sum(submap.area_m2 for submap in submaps)
     return {
@@ -124,7 +127,7 @@ STAGE = Stage(
     title="finding areas that change",
     section="segmentation",
     folder="submaps",
-    reads=("scans/", "map/"),
+    reads=("scans/", "map/", "known/"),
     writes=("submaps/",),
     run=run,
 )

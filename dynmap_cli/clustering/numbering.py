@@ -1,0 +1,90 @@
+"""Patches keep their numbers when states are learned again from more visits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from dynmap_cli.arrays import B1, I8
+from dynmap_cli.domain.grid import UNKNOWN, GridFrame
+from dynmap_cli.domain.patches import PatchSet, Visit
+
+_LEAST_AGREEMENT = 0.75
+Cells = TypeVar("Cells", B1, I8)
+
+
+def keep_numbers(
+    patch_sets: Sequence[PatchSet], visits: Sequence[Visit], known: Sequence[PatchSet]
+) -> tuple[tuple[PatchSet, ...], tuple[Visit, ...]]:
+    """Give each patch the number of the known patch of its sub-map that shows the same, and new numbers to the others.
+
+    Pairs are chosen for the largest sum of agreements, each the share of the varying cells that both know which are
+    occupied in both or free in both.
+
+    Parameters
+    ----------
+    patch_sets, visits
+        As learned, patches numbered by their support; sub-maps already have the numbers of before.
+    known : sequence of PatchSet
+        Of the map before.
+    """
+    before = {patch_set.submap_id: patch_set for patch_set in known}
+    renumbered: list[PatchSet] = []
+    numbers: dict[tuple[int, int], int] = {}
+    for patch_set in patch_sets:
+        given = _numbers_of(patch_set, before.get(patch_set.submap_id))
+        patches = [replace(patch, patch_id=given[patch.patch_id]) for patch in patch_set.patches]
+        renumbered.append(
+            replace(patch_set, patches=tuple(sorted(patches, key=lambda patch: patch.patch_id)))
+        )
+        numbers |= {(patch_set.submap_id, old): new for old, new in given.items()}
+    return tuple(renumbered), tuple(
+        visit if visit.patch is None else replace(visit, patch=numbers[visit.submap_id, visit.patch])
+        for visit in visits
+    )
+
+
+def _numbers_of(patch_set: PatchSet, known: PatchSet | None) -> dict[int, int]:
+    """Number of each patch, by the number it was learned with."""
+    if known is None or known.frame.resolution_m != patch_set.frame.resolution_m:
+        return {patch.patch_id: patch.patch_id for patch in patch_set.patches}
+    varying = patch_set.varying | _brought_over(known.varying, known.frame, patch_set.frame, fill=False)
+    before = [
+        _brought_over(patch.cells, known.frame, patch_set.frame, fill=UNKNOWN) for patch in known.patches
+    ]
+    agreement = np.array(
+        [[_agreement(patch.cells, cells, varying) for cells in before] for patch in patch_set.patches]
+    )
+    given: dict[int, int] = {}
+    for row, col in zip(*linear_sum_assignment(-agreement), strict=True):
+        if agreement[row, col] >= _LEAST_AGREEMENT:
+            given[patch_set.patches[int(row)].patch_id] = known.patches[int(col)].patch_id
+    new = max(patch.patch_id for patch in known.patches) + 1
+    for patch in patch_set.patches:
+        if patch.patch_id not in given:
+            given[patch.patch_id], new = new, new + 1
+    return given
+
+
+def _agreement(cells: I8, other: I8, varying: B1) -> float:
+    """Share of the varying cells that are known in both and the same; 1 where none varies."""
+    if not varying.any():
+        return 1.0
+    both = varying & (cells != UNKNOWN) & (other != UNKNOWN)
+    return float((cells == other)[both].mean()) if both.any() else 0.0
+
+
+def _brought_over(cells: Cells, frame: GridFrame, to: GridFrame, *, fill: int) -> Cells:
+    """The cells of one frame on another one of the same lattice."""
+    result = np.full(to.shape, fill, dtype=cells.dtype)
+    row = round((frame.origin_y_m - to.origin_y_m) / to.resolution_m)
+    col = round((frame.origin_x_m - to.origin_x_m) / to.resolution_m)
+    rows = slice(max(row, 0), min(row + frame.rows, to.rows))
+    cols = slice(max(col, 0), min(col + frame.cols, to.cols))
+    if rows.start < rows.stop and cols.start < cols.stop:
+        result[rows, cols] = cells[rows.start - row : rows.stop - row, cols.start - col : cols.stop - col]
+    return result

@@ -1,0 +1,29 @@
+"""`dynmap update`: more recordings for a run."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, reading_options
+
+
+@click.command("update")
+@click.argument("run_dir", metavar="RUN", type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.option(
+    "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+)
+@reading_options
+def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: bool) -> None:
+    """Add LOG to RUN: sub-maps and states keep their numbers, their counts grow, new ones are added.
+
+    Recordings that are in RUN are not read again, and its settings stay. A LOG that does not fit is refused, and RUN
+    stays as it is.
+    """
+    from dynmap_cli.update import update
+
+    results = update(run_dir, recordings, threads=threads or os.cpu_count() or 1)
+    print_results(run_dir, results, as_json=as_json)

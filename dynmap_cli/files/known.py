@@ -1,0 +1,49 @@
+"""known/: the sub-maps and patches of a run before its last update, by which those of now keep their numbers."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.files.manifest import sha256_of
+from dynmap_cli.files.patch_archive import read_patches
+from dynmap_cli.files.submaps import read_submaps
+
+FOLDER = "known"
+_PATCHES = "patches.zip"
+
+
+def remember(run_dir: Path, into: Path) -> None:
+    """Copy the sub-maps and patches of a run into known/ of another folder."""
+    known = into / FOLDER
+    shutil.rmtree(known, ignore_errors=True)
+    known.mkdir(parents=True)
+    for path in (run_dir / "submaps").iterdir():
+        if path.suffix in (".yaml", ".pgm"):
+            shutil.copyfile(path, known / path.name)
+    shutil.copyfile(run_dir / "patches" / _PATCHES, known / _PATCHES)
+
+
+def forget(run_dir: Path) -> None:
+    """Take known/ away."""
+    shutil.rmtree(run_dir / FOLDER, ignore_errors=True)
+
+
+def known_digests(run_dir: Path) -> dict[str, str]:
+    """Digest of the folder, by its name; nothing where nothing is known."""
+    folder = run_dir / FOLDER
+    return {f"{FOLDER}/": sha256_of(folder)} if folder.is_dir() else {}
+
+
+def read_known_submaps(run_dir: Path) -> tuple[SubMap, ...]:
+    """Sub-maps of before; none where nothing is known."""
+    folder = run_dir / FOLDER
+    return read_submaps(folder) if folder.is_dir() else ()
+
+
+def read_known_patches(run_dir: Path) -> tuple[PatchSet, ...]:
+    """States of before; none where nothing is known."""
+    folder = run_dir / FOLDER
+    return read_patches(folder / _PATCHES) if folder.is_dir() else ()

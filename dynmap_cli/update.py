@@ -1,0 +1,120 @@
+"""More recordings for a run: the columns of the others are kept, all that follows from them is made again."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from dynmap_cli.clustering.stage import STAGE as CLUSTER
+from dynmap_cli.config import Config, load_config
+from dynmap_cli.errors import ArtifactError, LogError
+from dynmap_cli.files.atomic import scratch_folder
+from dynmap_cli.files.known import FOLDER, forget, remember
+from dynmap_cli.files.lock import writing
+from dynmap_cli.files.manifest import Manifest, read_manifest
+from dynmap_cli.ingest.stage import STAGE as INGEST
+from dynmap_cli.pipeline import (
+    STAGES,
+    StageResult,
+    check_finished,
+    check_recordings,
+    context_of,
+    digests_of,
+    publish,
+    run_stage,
+    write_run_yaml,
+)
+
+_log = logging.getLogger(__name__)
+
+
+def update(run_dir: Path, recordings: Sequence[Path], *, threads: int) -> list[StageResult]:
+    """Add recordings to a finished run, with the settings it was made with.
+
+    What is made is what `build` makes of all recordings, but sub-maps and patches keep their numbers. It is made beside
+    the run and takes its place when all of it is done: a recording that does not fit changes nothing.
+
+    Parameters
+    ----------
+    run_dir : Path
+    recordings : sequence of Path
+    threads : int
+
+    Raises
+    ------
+    LogError
+        If a recording does not fit on the map of the run.
+    ArtifactError
+        If the run is not finished.
+    """
+    check_recordings(recordings)
+    if not run_dir.is_dir():
+        msg = f"{run_dir}: no such run directory. Run `dynmap build LOG -o {run_dir}` first."
+        raise ArtifactError(msg)
+    with writing(run_dir):
+        config = _settings_of(run_dir)
+        new = _not_there(run_dir, recordings)
+        if not new:
+            # What an interrupted update left undone is done now.
+            context = context_of(run_dir, config, threads, ())
+            results = [_as_it_is(run_dir), *(run_stage(stage, context, force=False) for stage in STAGES[1:])]
+        else:
+            check_finished(run_dir, STAGES[: STAGES.index(CLUSTER) + 1])
+            results = _made_beside(run_dir, new, config, threads)
+        write_run_yaml(run_dir, config)
+        return results
+
+
+def _made_beside(run_dir: Path, new: Sequence[Path], config: Config, threads: int) -> list[StageResult]:
+    """Run all stages in a scratch run, then put their files in the place of those of the run."""
+    with scratch_folder(run_dir / "update") as beside:
+        remember(run_dir, beside)
+        context = replace(
+            context_of(beside, config, threads, tuple(new)), earlier_scans=run_dir / INGEST.folder
+        )
+        results = [run_stage(stage, context, force=True) for stage in STAGES]
+        forget(run_dir)
+        (beside / FOLDER).rename(run_dir / FOLDER)
+        for stage, result in zip(STAGES, results, strict=True):
+            publish(result.folder, run_dir / stage.folder, result.manifest)
+        return [
+            replace(result, folder=run_dir / stage.folder)
+            for stage, result in zip(STAGES, results, strict=True)
+        ]
+
+
+def _settings_of(run_dir: Path) -> Config:
+    """The settings that the stages of a run were run with."""
+    words = {}
+    for stage in STAGES:
+        done = read_manifest(run_dir / stage.folder, stage.name)
+        if done is not None and stage.section in Config.model_fields:
+            words.update({f"{stage.section}.{key}": value for key, value in done.settings.items()})
+    return load_config(None, words).config
+
+
+def _ingested(run_dir: Path) -> Manifest:
+    """What the run was made from."""
+    done = read_manifest(run_dir / INGEST.folder, INGEST.name)
+    if done is None:
+        msg = f"{run_dir}: no recording was read here. Run `dynmap build LOG -o {run_dir}` first."
+        raise ArtifactError(msg)
+    return done
+
+
+def _not_there(run_dir: Path, recordings: Sequence[Path]) -> list[Path]:
+    """The recordings that the run was not made from."""
+    there = set(_ingested(run_dir).inputs.values())
+    new = []
+    for path, digest in digests_of(recordings, LogError).items():
+        if digest in there:
+            _log.info("%s: is in %s already", path, run_dir)
+        else:
+            new.append(Path(path))
+    return new
+
+
+def _as_it_is(run_dir: Path) -> StageResult:
+    return StageResult(INGEST.name, ran=False, manifest=_ingested(run_dir), folder=run_dir / INGEST.folder)
