@@ -12,15 +12,15 @@ from dynmap_cli.domain.poses import wrap_angle
 SAME_VISIT = 2
 """Maps whose numbers differ by no more are of one visit."""
 _RADIUS_M, _HALF_TURN_RAD = 2.0, np.pi / 2
-_VISITS = 3
+_ENOUGH = 3
 
 
 def representatives(poses: F64) -> I64:
     """Numbers of the maps that stand for their places, ascending.
 
-    In order of time a map is taken unless those of enough earlier visits lie around it and look the same way. Only these
-    are partners of others, so that a place costs the same at each visit, and later visits hang on the first ones
-    instead of on each other, which keeps the factors of the pose graph sparse.
+    In order of time a map is taken unless enough of those taken at earlier visits lie around it and look the same
+    way. Only these are partners of others, so that a place costs the same at each visit, and later visits hang on
+    the first ones instead of on each other, which keeps the factor of the pose graph sparse.
 
     Parameters
     ----------
@@ -36,12 +36,12 @@ def representatives(poses: F64) -> I64:
             for other in cells.get(place, ())
             if number - other > SAME_VISIT
         ]
-        if len(around) >= _VISITS:
+        if len(around) >= _ENOUGH:
             delta = poses[around] - poses[number]
             alike = (np.hypot(delta[:, 0], delta[:, 1]) < _RADIUS_M) & (
                 np.abs(wrap_angle(delta[:, 2])) < _HALF_TURN_RAD
             )
-            if int(alike.sum()) >= _VISITS:
+            if int(alike.sum()) >= _ENOUGH:
                 continue
         cells.setdefault((col, row), []).append(number)
         taken.append(number)
