@@ -154,7 +154,13 @@ class _NormalEquations:
         pairs, self._pair_of = np.unique(smaller * n_nodes + larger, return_inverse=True)
         self._smaller, self._larger = pairs // n_nodes, pairs % n_nodes
         is_core = np.zeros(pairs.size, dtype=bool)
-        is_core[self._pair_of[(edges.kind != DENSE) | (larger - smaller <= _CLOSE_NODES)]] = True
+        hangs_on_it = np.zeros(n_nodes, dtype=bool)
+        hangs_on_it[edges.second[edges.kind == LOOP]] = True
+        is_core[
+            self._pair_of[
+                (edges.kind != DENSE) | (larger - smaller <= _CLOSE_NODES) | hangs_on_it[edges.first]
+            ]
+        ] = True
         self._is_core_edge, self._core = is_core[self._pair_of], np.flatnonzero(is_core)
         self._factor = SparseFactor(self._smaller[is_core], self._larger[is_core], n_nodes)
 
