@@ -276,8 +276,8 @@ def _dense_edges(
 def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
     """For each local map the key scans that are to be fitted on it.
 
-    Those are, for a key scan, its own map, the nearest of those that stand for the place, and the nearest of all others,
-    each of another visit.
+    Those are, for a key scan, its own map, the nearest of those that stand for the place, and the nearest of all
+    others, each of another visit.
     """
     own = np.searchsorted((anchors[1:] + anchors[:-1]) / 2, np.arange(poses.shape[0])).tolist()
     standing = _nearest(poses, anchors, representatives(poses[anchors]))
@@ -302,4 +302,4 @@ def _nearest(poses: F64, anchors: I64, numbers: I64) -> list[list[int]]:
     k = min(8 * _DENSE_PARTNERS, numbers.size)
     tree = cKDTree(poses[anchors[numbers], :2])
     _, rows = tree.query(poses[:, :2], k=[*range(1, k + 1)], distance_upper_bound=_DENSE_REACH_M)
-    return np.append(numbers, -1)[rows].tolist()
+    return list(np.append(numbers, -1)[rows].tolist())

@@ -53,7 +53,7 @@ class LoopParams:
     margin: float = 0.9
     overlap_m: float = 4.0
     min_detour_m: float = 10.0
-    n_partners: int = 4
+    n_partners: int = 3
     drift_share: float = 0.02
 
 
