@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
@@ -117,15 +119,17 @@ def _group(seed: Loop, loops: Sequence[Loop], poses: F64) -> list[Loop]:
 
 def _blame(search: LoopSearch, poses: F64, bad: list[tuple[int, int]]) -> Counter[tuple[int, int]]:
     """On how many of the shortest ways between contradicting places each loop lies."""
-    _, before = dijkstra(search.ways(poses), directed=False, return_predecessors=True)
     loops = {(loop.fixed, loop.moved) for loop in search.loops}
     blame: Counter[tuple[int, int]] = Counter()
-    for start, end in bad:
-        here = end
-        while here != start and before[start, here] >= 0:
-            there = int(before[start, here])
-            pair = (max(here, there), min(here, there))
-            if pair in loops:
-                blame[pair] += 1
-            here = there
+    ways = search.ways(poses)
+    for start, pairs in groupby(sorted(bad), key=itemgetter(0)):
+        _, before = dijkstra(ways, directed=False, indices=start, return_predecessors=True)
+        for _, end in pairs:
+            here = end
+            while here != start and before[here] >= 0:
+                there = int(before[here])
+                pair = (max(here, there), min(here, there))
+                if pair in loops:
+                    blame[pair] += 1
+                here = there
     return blame
