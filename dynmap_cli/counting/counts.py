@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -13,9 +14,11 @@ from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells, widen_bounds
+from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells, widen_bounds
+from dynmap_cli.kernels.counts import HIT_SUMS, count_scans, scale_sums, sum_along_x, sum_along_y
 
 SCANS_PER_CHUNK = 1024
+LINES_PER_BAND = 128
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
 _JUMP_M, _JUMP_MPS = 100.0, 100.0
@@ -80,9 +83,10 @@ class Counter:
     def __init__(self, frame: GridFrame) -> None:
         self.frame = frame
         rows, cols = frame.shape
-        self._along_cols = np.zeros((rows + 1, cols + 2), dtype=np.int64)
-        self._along_rows = np.zeros((cols + 1, rows + 2), dtype=np.int64)
-        self._sums = tuple(np.zeros(frame.shape, dtype=np.int64) for _ in range(4))
+        self._shapes = (rows + 1, cols + 2), (cols + 1, rows + 2)
+        n_lengths = sum(height * width for height, width in self._shapes)
+        self._ends, self._crossings = (np.zeros(n_lengths, dtype=np.int64) for _ in range(2))
+        self._hits = np.zeros((rows * cols, HIT_SUMS), dtype=np.int64)
 
     def add(
         self,
@@ -125,32 +129,58 @@ class Counter:
                 frame.resolution_m,
                 frame.origin_x_m,
                 frame.origin_y_m,
+                *frame.shape,
                 sign,
-                self._along_cols,
-                self._along_rows,
-                *self._sums,
+                self._ends,
+                self._crossings,
+                self._hits,
             )
 
-    def merge(self, other: Counter) -> None:
-        """Add the sums of another counter on the same grid."""
-        self._along_cols += other._along_cols
-        self._along_rows += other._along_rows
-        for mine, theirs in zip(self._sums, other._sums, strict=True):
-            np.add(mine, theirs, out=mine)
-
-    def counting_map(self) -> CountingMap:
-        """Turn the sums into hits, passed lengths and centroids."""
+    def counting_map(self, others: Sequence[Counter] = (), threads: int = 1) -> CountingMap:
+        """Turn the sums of this and other counters on the same grid into hits, passed lengths and centroids."""
         rows, cols = self.frame.shape
-        passed = np.cumsum(self._along_cols, axis=1)[:rows, :cols]
-        passed += np.cumsum(self._along_rows, axis=1)[:cols, :rows].T
-        static, dynamic, offset_x, offset_y = (array / FIXED_ONE for array in self._sums)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            cells = np.stack([offset_x / static, offset_y / static], axis=-1)
-        corners = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
-        origin = np.array([self.frame.origin_x_m, self.frame.origin_y_m])
-        centroids = origin + (corners + cells) * self.frame.resolution_m
-        centroids[~np.isfinite(cells)] = np.nan
-        return CountingMap(self.frame, static, dynamic, passed / FIXED_ONE, centroids)
+        lengths = np.zeros((rows, cols), dtype=np.int64)
+        static, dynamic, passed = (np.empty((rows, cols)) for _ in range(3))
+        centroids = np.empty((rows, cols, 2))
+        hits = self._hits.copy() if others else self._hits
+
+        def sum_cols(first: int, last: int) -> None:
+            for counter in (self, *others):
+                sum_along_y(*counter._grids(1), first, last, lengths)
+
+        def sum_rows(first: int, last: int) -> None:
+            for counter in (self, *others):
+                sum_along_x(*counter._grids(0), first, last, lengths)
+            band = slice(first * cols, last * cols)
+            for counter in others:
+                hits[band] += counter._hits[band]
+            frame = self.frame
+            scale_sums(
+                hits,
+                lengths,
+                frame.resolution_m,
+                frame.origin_x_m,
+                frame.origin_y_m,
+                first,
+                last,
+                static,
+                dynamic,
+                passed,
+                centroids,
+            )
+
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+            for work, size in ((sum_cols, cols), (sum_rows, rows)):
+                starts = range(0, size, LINES_PER_BAND)
+                list(pool.map(work, starts, (min(start + LINES_PER_BAND, size) for start in starts)))
+        return CountingMap(self.frame, static, dynamic, passed, centroids)
+
+    def _grids(self, axis: int) -> tuple[I64, I64]:
+        """Ends and crossings of the rays whose major axis is x (0) or y (1)."""
+        size = self._shapes[0][0] * self._shapes[0][1]
+        part = slice(size, None) if axis else slice(size)
+        shape = self._shapes[axis]
+        return self._ends[part].reshape(shape), self._crossings[part].reshape(shape)
 
 
 def count_beams(
@@ -180,25 +210,26 @@ def count_beams(
         Velocity during each scan, see `twists_of`; without it the robot stood still.
     threads : int
     """
-    bounds = np.linspace(0, log.n_scans, max(1, min(threads, log.n_scans // SCANS_PER_CHUNK)) + 1).astype(int)
+    threads = max(1, min(threads, log.n_scans // SCANS_PER_CHUNK))
+    chunks = iter(range(0, log.n_scans, SCANS_PER_CHUNK))
 
-    def count(first: int, last: int) -> Counter:
+    def count() -> Counter:
         counter = Counter(frame)
-        part = slice(first, last)
-        counter.add(
-            log.select(part),
-            poses[part],
-            usable_range_m,
-            weights=None if weights is None else weights[part],
-            twists=None if twists is None else twists[part],
-        )
+        for first in chunks:
+            part = slice(first, first + SCANS_PER_CHUNK)
+            counter.add(
+                log.select(part),
+                poses[part],
+                usable_range_m,
+                weights=None if weights is None else weights[part],
+                twists=None if twists is None else twists[part],
+            )
         return counter
 
-    with ThreadPoolExecutor(max_workers=len(bounds) - 1) as pool:
-        total, *others = pool.map(count, bounds[:-1].tolist(), bounds[1:].tolist())
-    for other in others:
-        total.merge(other)
-    return total.counting_map()
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        counts = [pool.submit(count) for _ in range(threads)]
+    first, *others = (done.result() for done in counts)
+    return first.counting_map(others, threads)
 
 
 def count_up_to_walls(
