@@ -184,12 +184,13 @@ def _find_runs(beams: F64, rows: int, cols: int, sign: int, runs: F64, entries: 
         du, dv = (dx if by_x else dy), (dy if by_x else dx)
         per_u, per_v = (per_x if by_x else per_y), (per_y if by_x else per_x)
         n_u, n_v = (cols if by_x else rows), (rows if by_x else cols)
-        first_row = min(max(np.floor(v0 + enter * dv), 0.0), n_v - 1.0)
+        first_row = np.floor(v0 + enter * dv)
         # Cut by its end cell a ray ends in that cell's row, or in the row before.
         cut_u, cut_v = (cut_x if by_x else cut_y), (cut_y if by_x else cut_x)
         back = (1.0 if dv > 0.0 else -1.0) if cut_v > cut_u else 0.0
         last_row = (end_row if by_x else end_col) - back if is_inside else np.floor(v0 + leave * dv)
-        last_row = min(max(last_row, 0.0), n_v - 1.0)
+        is_passing = leave > enter and min(first_row, last_row) < n_v
+        first_row, last_row = min(max(first_row, 0.0), n_v - 1.0), min(max(last_row, 0.0), n_v - 1.0)
 
         u_from, u_to = min(max(u0 + enter * du, 0.0), n_u), min(max(u0 + leave * du, 0.0), n_u)
         crossed = min(first_row, last_row) + 1.0
@@ -203,7 +204,7 @@ def _find_runs(beams: F64, rows: int, cols: int, sign: int, runs: F64, entries: 
         entries[_TO_ROW, beam] = grid + int(last_row) * stride
         entries[_FIRST_ROW, beam] = grid + int(crossed) * stride
         after = grid + (int(max(first_row, last_row)) + 1) * stride
-        entries[_AFTER_ROW, beam] = after if leave > enter else -1
+        entries[_AFTER_ROW, beam] = after if is_passing else -1
         entries[_STRIDE, beam] = stride
 
 
