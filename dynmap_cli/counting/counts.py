@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy import ndimage
@@ -15,10 +16,10 @@ from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells, widen_bounds
-from dynmap_cli.kernels.counts import HIT_SUMS, count_scans, scale_sums, sum_along_x, sum_along_y
+from dynmap_cli.kernels.counts import HIT_SUMS, add_sums, count_scans, scale_sums, sum_along_x, sum_along_y
 
 SCANS_PER_CHUNK = 1024
-LINES_PER_BAND = 128
+N_BANDS = 8
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
 _JUMP_M, _JUMP_MPS = 100.0, 100.0
@@ -136,44 +137,29 @@ class Counter:
                 self._hits,
             )
 
-    def counting_map(self, others: Sequence[Counter] = (), threads: int = 1) -> CountingMap:
-        """Turn the sums of this and other counters on the same grid into hits, passed lengths and centroids."""
-        rows, cols = self.frame.shape
+    def merge(self, other: Counter, threads: int = 1) -> None:
+        """Add the sums of another counter on the same grid."""
+        for mine, theirs in (
+            (self._ends, other._ends),
+            (self._crossings, other._crossings),
+            (self._hits.reshape(-1), other._hits.reshape(-1)),
+        ):
+            _in_bands(threads, mine.size, partial(add_sums, theirs), mine)
+
+    def counting_map(self, threads: int = 1) -> CountingMap:
+        """Turn the sums into hits, passed lengths and centroids."""
+        frame = self.frame
+        rows, cols = frame.shape
         lengths = np.zeros((rows, cols), dtype=np.int64)
-        static, dynamic, passed = (np.empty((rows, cols)) for _ in range(3))
-        centroids = np.empty((rows, cols, 2))
-        hits = self._hits.copy() if others else self._hits
-
-        def sum_cols(first: int, last: int) -> None:
-            for counter in (self, *others):
-                sum_along_y(*counter._grids(1), first, last, lengths)
-
-        def sum_rows(first: int, last: int) -> None:
-            for counter in (self, *others):
-                sum_along_x(*counter._grids(0), first, last, lengths)
-            band = slice(first * cols, last * cols)
-            for counter in others:
-                hits[band] += counter._hits[band]
-            frame = self.frame
-            scale_sums(
-                hits,
-                lengths,
-                frame.resolution_m,
-                frame.origin_x_m,
-                frame.origin_y_m,
-                first,
-                last,
-                static,
-                dynamic,
-                passed,
-                centroids,
-            )
-
-        with ThreadPoolExecutor(max_workers=threads) as pool:
-            for work, size in ((sum_cols, cols), (sum_rows, rows)):
-                starts = range(0, size, LINES_PER_BAND)
-                list(pool.map(work, starts, (min(start + LINES_PER_BAND, size) for start in starts)))
-        return CountingMap(self.frame, static, dynamic, passed, centroids)
+        static, dynamic, passed = (np.zeros((rows, cols)) for _ in range(3))
+        centroids = np.full((rows, cols, 2), np.nan)
+        _in_bands(threads, rows, partial(sum_along_x, *self._grids(0)), lengths)
+        _in_bands(threads, cols, partial(sum_along_y, *self._grids(1)), lengths)
+        scale = partial(
+            scale_sums, self._hits, lengths, frame.resolution_m, frame.origin_x_m, frame.origin_y_m
+        )
+        _in_bands(threads, rows, scale, static, dynamic, passed, centroids)
+        return CountingMap(frame, static, dynamic, passed, centroids)
 
     def _grids(self, axis: int) -> tuple[I64, I64]:
         """Ends and crossings of the rays whose major axis is x (0) or y (1)."""
@@ -181,6 +167,13 @@ class Counter:
         part = slice(size, None) if axis else slice(size)
         shape = self._shapes[axis]
         return self._ends[part].reshape(shape), self._crossings[part].reshape(shape)
+
+
+def _in_bands(threads: int, size: int, work: Callable[..., None], *out: I64 | F64) -> None:
+    """Let threads work on an equal part (first, last) of a size each; they write to different parts of `out`."""
+    bounds = np.linspace(0, size, N_BANDS + 1).astype(int).tolist()
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        list(pool.map(lambda first, last: work(first, last, *out), bounds[:-1], bounds[1:]))
 
 
 def count_beams(
@@ -228,8 +221,10 @@ def count_beams(
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
         counts = [pool.submit(count) for _ in range(threads)]
-    first, *others = (done.result() for done in counts)
-    return first.counting_map(others, threads)
+    total, *others = (done.result() for done in counts)
+    for other in others:
+        total.merge(other, threads)
+    return total.counting_map(threads)
 
 
 def count_up_to_walls(

@@ -248,18 +248,27 @@ def _add_runs(runs: F64, entries: I64, ends: I64, crossings: I64) -> None:
 
 
 @kernel
+def add_sums(theirs: I64, first: int, last: int, mine: I64) -> None:
+    """Add a part of some sums (n,) to others; what is 0 is not written, so that its memory is never claimed."""
+    for index in range(first, last):
+        if theirs[index] != 0:
+            mine[index] += theirs[index]
+
+
+@kernel
 def sum_along_x(ends: I64, crossings: I64, first: int, last: int, passed: I64) -> None:
-    """Add to some rows of `passed` (rows, cols) the lengths of the rays whose major axis is x."""
+    """Add to some rows of `passed` (rows, cols) the lengths of the rays whose major axis is x; 0 is not written."""
     for row in range(first, last):
         length = 0
         for col in range(passed.shape[1]):
             length += ends[row, col] + crossings[row, col] - crossings[row + 1, col]
-            passed[row, col] += length
+            if length != 0:
+                passed[row, col] += length
 
 
 @kernel
 def sum_along_y(ends: I64, crossings: I64, first: int, last: int, passed: I64) -> None:
-    """Add to some columns of `passed` (rows, cols) the lengths of the rays whose major axis is y."""
+    """Add to some columns of `passed` (rows, cols) the lengths of the rays whose major axis is y; likewise."""
     lengths = np.empty(_COLS_AT_ONCE, dtype=np.int64)
     for start in range(first, last, _COLS_AT_ONCE):
         lengths[:] = 0
@@ -267,7 +276,8 @@ def sum_along_y(ends: I64, crossings: I64, first: int, last: int, passed: I64) -
         for row in range(passed.shape[0]):
             for col in range(start, stop):
                 lengths[col - start] += ends[col, row] + crossings[col, row] - crossings[col + 1, row]
-                passed[row, col] += lengths[col - start]
+                if lengths[col - start] != 0:
+                    passed[row, col] += lengths[col - start]
 
 
 @kernel
@@ -284,20 +294,20 @@ def scale_sums(
     passed_cells: F64,
     centroids_m: F64,
 ) -> None:
-    """Turn some rows of the fixed-point sums into those of a counting map, see there.
+    """Turn some rows of the fixed-point sums into those of a counting map, where they are not 0.
 
-    Rounding can leave a length a few units below zero.
+    Rounding can leave a length a few units below 0.
     """
     cols = lengths.shape[1]
     for row in range(first, last):
         for col in range(cols):
             cell = row * cols + col
-            static = hits[cell, STATIC]
-            static_hits[row, col] = static / FIXED_ONE
-            dynamic_hits[row, col] = hits[cell, DYNAMIC] / FIXED_ONE
-            passed_cells[row, col] = max(lengths[row, col], 0) / FIXED_ONE
-            centroids_m[row, col, 0] = math.nan
-            centroids_m[row, col, 1] = math.nan
+            static, dynamic = hits[cell, STATIC], hits[cell, DYNAMIC]
+            if lengths[row, col] > 0:
+                passed_cells[row, col] = lengths[row, col] / FIXED_ONE
+            if dynamic != 0:
+                dynamic_hits[row, col] = dynamic / FIXED_ONE
             if static != 0:
+                static_hits[row, col] = static / FIXED_ONE
                 centroids_m[row, col, 0] = origin_x_m + (col + hits[cell, OFFSET_X] / static) * resolution_m
                 centroids_m[row, col, 1] = origin_y_m + (row + hits[cell, OFFSET_Y] / static) * resolution_m
