@@ -39,8 +39,8 @@ FIXED_ONE = 2.0**32
 STATIC, DYNAMIC, OFFSET_X, OFFSET_Y = range(4)
 """Sums over the hits of a cell."""
 HIT_SUMS = 4
-_FROM, _TO, _UNIT, _CROSSING, _SLOPE = range(5)
-_FROM_ROW, _TO_ROW, _FIRST_ROW, _AFTER_ROW, _STRIDE = range(5)
+_CROSSING, _SLOPE, _SIGNED_UNIT = range(3)
+_UNIT, _FROM, _FROM_RIGHT, _TO, _TO_RIGHT, _ROW, _AFTER, _STRIDE = range(8)
 _STEEPEST = 1e300
 _COLS_AT_ONCE = 16
 
@@ -100,8 +100,8 @@ def count_scans(
         Static and dynamic hits, and e times the offset of the end points from the corner of the cell, cells.
     """
     n_beams = ranges_m.shape[1]
-    beams, runs = np.empty((BEAM_ROWS, n_beams)), np.empty((5, n_beams))
-    entries, values = np.empty((5, n_beams), dtype=np.int64), np.empty((3, n_beams), dtype=np.int64)
+    beams, runs = np.empty((BEAM_ROWS, n_beams)), np.empty((3, n_beams))
+    entries, values = np.empty((8, n_beams), dtype=np.int64), np.empty((3, n_beams), dtype=np.int64)
     cells = np.empty(n_beams, dtype=np.int64)
     for scan in range(ranges_m.shape[0]):
         if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
@@ -124,7 +124,8 @@ def count_scans(
         _weigh_hits(beams, weights[scan], sign, values)
         _find_runs(beams, rows, cols, sign, runs, entries)
         _add_hits(cells, values, sign, hits)
-        _add_runs(runs, entries, ends, crossings)
+        _add_ends(entries, ends)
+        _add_crossings(runs, entries, crossings)
 
 
 @kernel
@@ -159,10 +160,19 @@ def _add_hits(cells: I64, values: I64, sign: int, hits: I64) -> None:
 def _find_runs(beams: F64, rows: int, cols: int, sign: int, runs: F64, entries: I64) -> None:
     """Work out what each ray writes: where it is cut, its rows, its crossings, its length per cell.
 
-    A ray is cut where it enters its end cell, which is not passed, and to the grid. `runs` gets, along the major
-    axis, both ends, the fixed-point length per cell, the first crossing in order of rows and the step from one
-    to the next; `entries` the flat index at which the rows of the ends, of the first crossing and behind the last
-    one begin, and the distance of two rows. A ray that passes nothing has the row behind its last crossing at -1.
+    A ray is cut where it enters its end cell, which is not passed, and to the grid.
+
+    Parameters
+    ----------
+    beams : (BEAM_ROWS, n_beams) float64
+    rows, cols, sign : int
+    runs : (3, n_beams) float64
+        Where along the major axis the ray crosses into the first row of those it crosses, in ascending order; how
+        far on the next crossing is; the fixed-point length per cell, negative if the ray descends.
+    entries : (8, n_beams) int64
+        Length per cell; for either end its entry and the part of the length that belongs to the entry after it;
+        the entries at which the first row that is crossed into, and the row after the last one, begin, and their
+        distance. A ray that passes nothing has -1 as the row after the last one.
     """
     y_grid = (rows + 1) * (cols + 2)
     for beam in range(beams.shape[1]):
@@ -197,46 +207,44 @@ def _find_runs(beams: F64, rows: int, cols: int, sign: int, runs: F64, entries: 
         slope = du * per_v
         at = min(max(u0 + (crossed - v0) * slope, min(u_from, u_to)), max(u_from, u_to))
         grid, stride = (0 if by_x else y_grid), n_u + 2
-        runs[_FROM, beam], runs[_TO, beam] = u_from, u_to
-        runs[_UNIT, beam] = np.rint(sign * FIXED_ONE * per_u)
+        unit = np.rint(sign * FIXED_ONE * per_u)
+        entries[_UNIT, beam] = int(unit)
+        entries[_FROM, beam] = grid + int(first_row) * stride + int(u_from)
+        entries[_FROM_RIGHT, beam] = int((u_from - np.floor(u_from)) * unit)
+        entries[_TO, beam] = grid + int(last_row) * stride + int(u_to)
+        entries[_TO_RIGHT, beam] = int((u_to - np.floor(u_to)) * unit)
         runs[_CROSSING, beam], runs[_SLOPE, beam] = at, slope
-        entries[_FROM_ROW, beam] = grid + int(first_row) * stride
-        entries[_TO_ROW, beam] = grid + int(last_row) * stride
-        entries[_FIRST_ROW, beam] = grid + int(crossed) * stride
+        runs[_SIGNED_UNIT, beam] = unit if last_row > first_row else -unit
+        entries[_ROW, beam] = grid + int(crossed) * stride
         after = grid + (int(max(first_row, last_row)) + 1) * stride
-        entries[_AFTER_ROW, beam] = after if is_passing else -1
+        entries[_AFTER, beam] = after if is_passing else -1
         entries[_STRIDE, beam] = stride
 
 
 @kernel
-def _add_runs(runs: F64, entries: I64, ends: I64, crossings: I64) -> None:
-    """Write the ends and the crossings of the rays.
+def _add_ends(entries: I64, ends: I64) -> None:
+    """Write the ends of the rays; the length per cell is split between the cells before and after a position.
 
-    At a position u the length per cell is split between the two cells whose borders are next to it. Indices are
-    made unsigned, as they are never counted from the end.
+    Indices are made unsigned here and below, as they are never counted from the end.
     """
+    for beam in range(entries.shape[1]):
+        if entries[_AFTER, beam] >= 0:
+            unit = entries[_UNIT, beam]
+            entry, right = entries[_FROM, beam], entries[_FROM_RIGHT, beam]
+            ends[np.uint64(entry)] += unit - right
+            ends[np.uint64(entry + 1)] += right
+            entry, right = entries[_TO, beam], entries[_TO_RIGHT, beam]
+            ends[np.uint64(entry)] -= unit - right
+            ends[np.uint64(entry + 1)] -= right
+
+
+@kernel
+def _add_crossings(runs: F64, entries: I64, crossings: I64) -> None:
+    """Write the crossings of the rays."""
     for beam in range(runs.shape[1]):
-        after = entries[_AFTER_ROW, beam]
-        if after < 0:
-            continue
-        unit = runs[_UNIT, beam]
+        at, slope, unit = runs[_CROSSING, beam], runs[_SLOPE, beam], runs[_SIGNED_UNIT, beam]
+        row, after, stride = entries[_ROW, beam], entries[_AFTER, beam], entries[_STRIDE, beam]
         whole = int(unit)
-        row, stride = entries[_FIRST_ROW, beam], entries[_STRIDE, beam]
-        at, slope = runs[_CROSSING, beam], runs[_SLOPE, beam]
-
-        col = np.floor(runs[_FROM, beam])
-        right = int((runs[_FROM, beam] - col) * unit)
-        entry = entries[_FROM_ROW, beam] + int(col)
-        ends[np.uint64(entry)] += whole - right
-        ends[np.uint64(entry + 1)] += right
-        col = np.floor(runs[_TO, beam])
-        right = int((runs[_TO, beam] - col) * unit)
-        entry = entries[_TO_ROW, beam] + int(col)
-        ends[np.uint64(entry)] -= whole - right
-        ends[np.uint64(entry + 1)] -= right
-
-        if entries[_TO_ROW, beam] < entries[_FROM_ROW, beam]:
-            unit, whole = -unit, -whole
         while row < after:
             col = np.floor(at)
             right = int((at - col) * unit)
