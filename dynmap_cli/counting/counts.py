@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -204,12 +206,13 @@ def count_beams(
     threads : int
     """
     threads = max(1, min(threads, log.n_scans // SCANS_PER_CHUNK))
-    chunks = iter(range(0, log.n_scans, SCANS_PER_CHUNK))
+    n_parts = threads * math.ceil(log.n_scans / (threads * SCANS_PER_CHUNK))
+    bounds = np.linspace(0, log.n_scans, n_parts + 1).astype(int).tolist()
+    parts = iter([slice(*pair) for pair in pairwise(bounds)])
 
     def count() -> Counter:
         counter = Counter(frame)
-        for first in chunks:
-            part = slice(first, first + SCANS_PER_CHUNK)
+        for part in parts:
             counter.add(
                 log.select(part),
                 poses[part],
