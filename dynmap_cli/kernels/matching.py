@@ -20,6 +20,8 @@ NORMAL_RADIUS = 3
 FIELD_RADIUS = 2
 HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
+LANES = 16
+"""Cells of a row that are added at once."""
 
 
 @kernel
@@ -191,6 +193,36 @@ def insert_points(
 
 
 @kernel
+def add_window(field: U8, row: int, col: int, n_rows: int, step_rows: int, n_cols: int, scores: I32) -> None:
+    """Add a window of a torus of scores to sums; whole runs of LANES cells, for the processor adds that many at once.
+
+    Parameters
+    ----------
+    field : (size, size) uint8
+        The torus; its size is a power of two.
+    row, col : int
+        First cell of the window.
+    n_rows, step_rows : int
+        Rows row, row + step, ... are added.
+    n_cols : int
+    scores : (n, m) int32
+        n at least n_rows, m at least n_cols rounded up to whole runs; what lies beyond n_cols means nothing.
+    """
+    mask = field.shape[0] - 1
+    c0 = col & mask
+    whole = (n_cols + LANES - 1) // LANES * LANES
+    for i in range(n_rows):
+        r = (row + i * step_rows) & mask
+        # The first condition always holds; it tells the compiler that no index counts from the end.
+        if c0 >= 0 and c0 + whole <= field.shape[0]:
+            for j in range(whole):
+                scores[i, j] += field[r, c0 + j]
+        else:
+            for j in range(n_cols):
+                scores[i, j] += field[r, (c0 + j) & mask]
+
+
+@kernel
 def correlate(
     points: F64,
     count: int,
@@ -219,8 +251,8 @@ def correlate(
         Shifts -reach, -reach + step, ... are tried along x and y.
     cell_m : float
     field : (SIZE, SIZE) uint8
-    scores : (side, side) int32
-        Scratch; side = 2 * (reach // step) + 1.
+    scores : (side, width) int32
+        Scratch; side at least 2 * (reach // step) + 1, width at least 2 * reach + LANES.
     costs : (2,) float64
         Loss of mean score (0 to 1) per squared metre of shift, and per squared radian of turn.
     out : (3,) float64
@@ -233,29 +265,20 @@ def correlate(
     """
     side = 2 * (reach_cells // step_cells) + 1
     first = -(reach_cells // step_cells) * step_cells
+    width = 1 - 2 * first
     best, best_score = -1e9, 0.0
     for turn in range(int(math.floor(2.0 * half_turn_rad / step_rad + 1e-9)) + 1):
         angle = -half_turn_rad + turn * step_rad
         cos, sin = math.cos(pose[2] + angle), math.sin(pose[2] + angle)
-        for i in range(side):
-            for j in range(side):
-                scores[i, j] = 0
+        scores[:side, :] = 0
         for k in range(count):
             col = int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m))
             row = int(math.floor((pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m))
-            c0 = (col + first) & MASK
-            for i in range(side):
-                r = (row + first + i * step_cells) & MASK
-                if c0 + side * step_cells <= SIZE:
-                    for j in range(side):
-                        scores[i, j] += field[r, c0 + j * step_cells]
-                else:
-                    for j in range(side):
-                        scores[i, j] += field[r, (c0 + j * step_cells) & MASK]
+            add_window(field, row + first, col + first, side, step_cells, width, scores)
         for i in range(side):
             for j in range(side):
                 dx, dy = (first + j * step_cells) * cell_m, (first + i * step_cells) * cell_m
-                score = scores[i, j] / (255.0 * max(count, 1))
+                score = scores[i, j * step_cells] / (255.0 * max(count, 1))
                 value = score - costs[0] * (dx * dx + dy * dy) - costs[1] * angle * angle
                 if value > best:
                     best, best_score = value, score
