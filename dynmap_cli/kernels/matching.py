@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
 
@@ -20,6 +22,8 @@ NORMAL_RADIUS = 3
 FIELD_RADIUS = 2
 HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
+SCORES: U8 = np.append((HIT * np.exp(-0.35 * np.arange(2 * FIELD_RADIUS**2 + 1))), 0.0).astype(np.uint8)
+"""Score of a cell by its squared distance from the nearest hit, cells; the last entry is for none within reach."""
 LANES = 16
 """Cells of a row that are added at once."""
 
@@ -83,19 +87,33 @@ def thin_points(
 
 
 @kernel
-def _refresh_field(sums: I64, field: U8, row: int, col: int) -> None:
-    """Set the score of a cell: 255 where something was hit, less next to it (radius FIELD_RADIUS)."""
-    best = 0
+def _add_to_field(field: U8, row: int, col: int) -> None:
+    """Score a cell in which something was hit, and the cells within FIELD_RADIUS of it."""
     for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
         for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-            if sums[(row + dr) & MASK, (col + dc) & MASK, 0] > 0:
-                value = int(255.0 * math.exp(-0.35 * (dr * dr + dc * dc)))
-                best = max(best, value)
-    field[row & MASK, col & MASK] = best
+            r, c = (row + dr) & MASK, (col + dc) & MASK
+            field[r, c] = max(field[r, c], SCORES[dr * dr + dc * dc])
 
 
 @kernel
-def refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
+def _take_from_field(field: U8, row: int, col: int) -> None:
+    """Score the cells within FIELD_RADIUS of one that is not hit any more by what is left around them."""
+    field[row, col] = 0
+    for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+        for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+            r, c = (row + dr) & MASK, (col + dc) & MASK
+            if field[r, c] == HIT:
+                continue
+            nearest = SCORES.size - 1
+            for dr2 in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                for dc2 in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                    if field[(r + dr2) & MASK, (c + dc2) & MASK] == HIT:
+                        nearest = min(nearest, dr2 * dr2 + dc2 * dc2)
+            field[r, c] = SCORES[nearest]
+
+
+@kernel
+def refresh_line(sums: I64, lines: F32, field: U8, row: int, col: int) -> None:
     """Set the normal of the line through the centroids around a cell; (0, 0) where there is no line."""
     lines[row, col, 2] = 0.0
     lines[row, col, 3] = 0.0
@@ -104,8 +122,8 @@ def refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
     for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
         for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
             r, c = (row + dr) & MASK, (col + dc) & MASK
-            hits = sums[r, c, 0]
-            if hits > 0:
+            if field[r, c] == HIT:
+                hits = sums[r, c, 0]
                 weight = min(float(hits) / ONE, 4.0)
                 x = dc + float(sums[r, c, 1]) / hits
                 y = dr + float(sums[r, c, 2]) / hits
@@ -178,15 +196,9 @@ def insert_points(
             lines[r, c, 0] = float(sums[r, c, 1]) / hits
             lines[r, c, 1] = float(sums[r, c, 2]) / hits
         if before <= 0 < hits:
-            for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                    score = int(HIT * math.exp(-0.35 * (dr * dr + dc * dc)))
-                    r2, c2 = (r + dr) & MASK, (c + dc) & MASK
-                    field[r2, c2] = max(int(field[r2, c2]), score)
+            _add_to_field(field, r, c)
         elif hits <= 0 < before:
-            for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                    _refresh_field(sums, field, (r + dr) & MASK, (c + dc) & MASK)
+            _take_from_field(field, r, c)
         for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
             for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
                 stale[(r + dr) & MASK, (c + dc) & MASK] = 1
