@@ -24,7 +24,7 @@ HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
 SCORES: U8 = np.append((HIT * np.exp(-0.35 * np.arange(2 * FIELD_RADIUS**2 + 1))), 0.0).astype(np.uint8)
 """Score of a cell by its squared distance from the nearest hit, cells; the last entry is for none within reach."""
-LANES = 16
+LANES = 8
 """Cells of a row that are added at once."""
 
 
