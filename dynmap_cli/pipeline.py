@@ -19,7 +19,6 @@ from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError, DynmapError, LogError
-from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.atomic import replacing, scratch_folder
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.manifest import (
@@ -33,7 +32,6 @@ from dynmap_cli.files.manifest import (
 from dynmap_cli.files.pgm import image_of
 from dynmap_cli.ingest.containers import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
-from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
 from dynmap_cli.report.stage import STAGE as REPORT
 from dynmap_cli.reruns import check_same_recordings, why_again
@@ -143,6 +141,8 @@ def localize(
 
     The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
     """
+    from dynmap_cli.localization.stage import STAGE as LOCALIZE
+
     if run_dir is not None and not run_dir.is_dir():
         msg = f"{run_dir}: no such run directory. Run `dynmap build LOG -o {run_dir}` first."
         raise ArtifactError(msg)
@@ -178,6 +178,8 @@ def clean(
     threads: int,
 ) -> dict[str, Any]:
     """Write recordings without the beams that hit something that moves; without *run_dir* they are mapped first."""
+    from dynmap_cli.export.stage import check_output, clean_to_file
+
     _check_recordings(recordings)
     check_output(out_path, recordings, force=force)
     stages = STAGES[: STAGES.index(CLUSTER if keep_changing else MAP) + 1]
