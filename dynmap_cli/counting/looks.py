@@ -128,10 +128,13 @@ def filter_by_looks(
     hits = counts.static_hits + counts.dynamic_hits
     by_beams = np.divide(counts.static_hits, hits, out=np.ones_like(hits), where=hits > 0)
     counted = count_with(counts, np.minimum(by_beams, by_looks))
-    cells = end_cells(log, poses, counts.frame, usable_range_m, twists=twists)
-    beams = np.empty(cells.shape, dtype=np.float32)
-    look_up(cells, by_looks.astype(np.float32).ravel(), beams)
-    e: F32 = np.minimum(filtered.static_probability, beams)
+    e: F32 = np.empty(log.ranges_m.shape, dtype=np.float32)
+    look_up(
+        end_cells(log, poses, counts.frame, usable_range_m, twists=twists),
+        by_looks.astype(np.float32).ravel(),
+        e,
+    )
+    np.minimum(filtered.static_probability, e, out=e)
     return replace(
         filtered,
         counting_map=counted,

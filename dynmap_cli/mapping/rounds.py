@@ -103,6 +103,7 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         if not rounds:
             unfiltered = occupancy(all_static(filtered.counting_map))
         rounds.append(_round(filtered, weights, poses, before))
+        weights = filtered.static_probability  # lets go of those of the round before
         _log.info("round %d: %.1f %% of the beams dynamic", len(rounds), 100 * filtered.dynamic_share)
         if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
             return FilterMap(
@@ -113,7 +114,6 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
                 site.graph,
                 site.drives,
             )
-        weights = filtered.static_probability
         del filtered  # as large as the map of the next round
 
 
