@@ -18,8 +18,9 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import add_to_cells, look_up
 
 Counts: TypeAlias = I64 | I32 | F64
-_LEAST_FREE_LOOKS, _LEAST_FREE_LOOKS_OF_WATCH = 3, 2
+_LEAST_FREE_LOOKS, _LEAST_FREE_LOOKS_OF_WATCH = 3, 1
 _LARGEST_THING_M, _LOOKS_THAT_TELL = 1.2, 8
+_PRIOR_OF_THINGS, _LEAST_EXPECTATION = np.float32(0.9), np.float32(0.01)
 _AROUND = np.ones((3, 3))
 
 
@@ -47,7 +48,7 @@ class LookParams:
     look_s: float = 5.0
     look_prior: float = 0.8
     watch_s: float = 300.0
-    watch_prior: float = 0.65
+    watch_prior: float = 0.6
     crossing_prior: float = 0.9
 
 
@@ -67,7 +68,11 @@ def filter_by_looks(
     return say nothing here: a dark wall returns none.
 
     Over all looks the share has to be small, for a door or a box that was there half of the time belongs to the
-    map. Within one watch it may be large: what comes or goes while the robot is about moved.
+    map. Within one watch it may be large, for things that stand free and are no larger than what moves in
+    buildings: what comes or goes while the robot is about moved. A door hangs on a wall, and is not such a thing.
+
+    So that e can be believed, it is 0.9 at most on small things that were seen too little to tell (that many of them
+    are static in simulated worlds), and 0.01 at least: poses, edges and glass leave so much doubt.
 
     Parameters
     ----------
@@ -85,6 +90,9 @@ def filter_by_looks(
     watched = count_watches(only_returns(log), poses, frame, params.look_s, params.watch_s, evidence)
     cells = end_cells(log, poses, frame, usable_range_m, twists=twists)
     e = _judge_beams(filtered.static_probability, cells, watched, params)
+    is_unknown = _seen_too_little(e, cells, watched)
+    np.minimum(e, _PRIOR_OF_THINGS, out=e, where=is_unknown)
+    np.maximum(e, _LEAST_EXPECTATION, out=e)
     counts = filtered.counting_map
     counted = count_with(counts, _mean_by_cell(e, cells, counts.static_hits + counts.dynamic_hits))
     return replace(
@@ -92,7 +100,7 @@ def filter_by_looks(
         counting_map=counted,
         static_probability=e,
         log_likelihood=expected_log_likelihood(counted),
-        is_unknown=_seen_too_little(e, cells, watched),
+        is_unknown=is_unknown,
     )
 
 
@@ -107,10 +115,15 @@ def _judge_beams(by_beams: F32, cells: I32, watched: Watched, params: LookParams
         )
     of_looks = _by_share(looks.occupied, looks.free, surface, _LEAST_FREE_LOOKS, params.look_prior)
     np.minimum(e, _look_up(cells, _on_grid(of_looks, surface, 1.0)), out=e)
+    before = e.copy()
     for watch in watched.watches:
-        part, least = e[watch.scans], _LEAST_FREE_LOOKS_OF_WATCH
-        of_watch = _by_share(watch.occupied, watch.free, surface, least, params.watch_prior)
-        np.minimum(part, _look_up(cells[watch.scans], _on_grid(of_watch, surface, 1.0)), out=part)
+        part, ends = e[watch.scans], cells[watch.scans]
+        of_watch = _by_share(
+            watch.occupied, watch.free, surface, _LEAST_FREE_LOOKS_OF_WATCH, params.watch_prior
+        )
+        labels, extents_m = _things(before[watch.scans], ends, surface.frame)
+        of_things = np.where((extents_m <= _LARGEST_THING_M)[labels], _on_grid(of_watch, surface, 1.0), 1.0)
+        np.minimum(part, _look_up(ends, of_things.astype(np.float32)), out=part)
     return e
 
 
@@ -145,9 +158,7 @@ def _seen_too_little(e: F32, cells: I32, watched: Watched) -> B1:
     is_unknown = np.asarray(e >= 0.5) & bool(watched.watches)
     for watch in watched.watches:
         part, ends = is_unknown[watch.scans], cells[watch.scans]
-        hits = np.zeros(surface.frame.shape)
-        add_to_cells(ends, (e[watch.scans] >= 0.5).astype(np.float32), hits.ravel())
-        labels, extents_m = _things(hits > 0, surface.frame)
+        labels, extents_m = _things(e[watch.scans], ends, surface.frame)
         thing_of = labels[tuple(surface.cells.T)]
         most, elsewhere = (np.zeros(extents_m.size, dtype=np.int64) for _ in range(2))
         np.maximum.at(most, thing_of, watch.occupied)
@@ -157,13 +168,27 @@ def _seen_too_little(e: F32, cells: I32, watched: Watched) -> B1:
     return is_unknown
 
 
-def _things(is_hit: B1, frame: GridFrame) -> tuple[I32, F64]:
-    """Number of the thing in each cell, (rows, cols), 0 = none, and the extent of each, m; that of none is inf."""
-    labels, _ = ndimage.label(ndimage.binary_dilation(is_hit, _AROUND), _AROUND)
-    labels[~is_hit] = 0
+def _things(e: F32, cells: I32, frame: GridFrame) -> tuple[I32, F64]:
+    """Number the things that beams called static end on: connected cells; everything else is 0.
+
+    Parameters
+    ----------
+    e, cells : (n_scans, n_beams)
+    frame : GridFrame
+
+    Returns
+    -------
+    (rows, cols) int32
+    (n + 1,) float64
+        Extent of each thing, m; that of 0 is infinite.
+    """
+    hits = np.zeros(frame.shape)
+    add_to_cells(cells, (e >= 0.5).astype(np.float32), hits.ravel())
+    labels, _ = ndimage.label(ndimage.binary_dilation(hits > 0, _AROUND), _AROUND)
+    labels[hits == 0] = 0
     boxes = ndimage.find_objects(labels)
-    cells = [max(rows.stop - rows.start, cols.stop - cols.start) for rows, cols in boxes]
-    return labels, np.array([np.inf, *cells]) * frame.resolution_m
+    widths = [max(rows.stop - rows.start, cols.stop - cols.start) for rows, cols in boxes]
+    return labels, np.array([np.inf, *widths]) * frame.resolution_m
 
 
 def _on_grid(by_cell: F64, surface: SurfaceCells, elsewhere: float) -> F32:
