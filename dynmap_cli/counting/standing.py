@@ -19,7 +19,8 @@ from dynmap_cli.kernels.em import add_to_cells, look_up
 
 Counts: TypeAlias = I64 | I32 | F64
 _LEAST_FREE_LOOKS, _LEAST_FREE_LOOKS_OF_WATCH = 3, 1
-_LARGEST_THING_M, _LOOKS_THAT_TELL = 1.2, 8
+_LARGEST_THING_M, _LEAST_BODY_M, _LOOKS_THAT_TELL = 1.2, 0.3, 8
+_STILL_PRIOR = 0.55
 _PRIOR_OF_THINGS, _LEAST_EXPECTATION = np.float32(0.9), np.float32(0.01)
 _AROUND = np.ones((3, 3))
 
@@ -89,9 +90,8 @@ def filter_by_looks(
     evidence = EvidenceParams(max_range_m=usable_range_m)
     watched = count_watches(only_returns(log), poses, frame, params.look_s, params.watch_s, evidence)
     cells = end_cells(log, poses, frame, usable_range_m, twists=twists)
-    e = _judge_beams(filtered.static_probability, cells, watched, params)
-    is_unknown = _seen_too_little(e, cells, watched)
-    np.minimum(e, _PRIOR_OF_THINGS, out=e, where=is_unknown)
+    e = _judge_places(filtered.static_probability, cells, watched, params)
+    e, is_unknown = _judge_things(e, cells, watched, params)
     np.maximum(e, _LEAST_EXPECTATION, out=e)
     counts = filtered.counting_map
     counted = count_with(counts, _mean_by_cell(e, cells, counts.static_hits + counts.dynamic_hits))
@@ -104,8 +104,8 @@ def filter_by_looks(
     )
 
 
-def _judge_beams(by_beams: F32, cells: I32, watched: Watched, params: LookParams) -> F32:
-    """(n_scans, n_beams) e from that of the beam counts, all looks, and the watches that the scan is in."""
+def _judge_places(by_beams: F32, cells: I32, watched: Watched, params: LookParams) -> F32:
+    """(n_scans, n_beams) e from that of the beam counts, and from all looks at the place."""
     looks, surface = watched.looks, watched.looks.surface
     e = by_beams.copy()
     if params.crossing_prior:
@@ -114,17 +114,59 @@ def _judge_beams(by_beams: F32, cells: I32, watched: Watched, params: LookParams
             e, _look_up(cells, _on_grid(expectation_of(share, params.crossing_prior), surface, 0.0)), out=e
         )
     of_looks = _by_share(looks.occupied, looks.free, surface, _LEAST_FREE_LOOKS, params.look_prior)
-    np.minimum(e, _look_up(cells, _on_grid(of_looks, surface, 1.0)), out=e)
-    before = e.copy()
+    _lower(e, cells, _on_grid(of_looks, surface, 1.0))
+    return e
+
+
+def _judge_things(e: F32, cells: I32, watched: Watched, params: LookParams) -> tuple[F32, B1]:
+    """Lower e of the beams on things that came, went or shifted in a watch; say on which things too little was seen.
+
+    A thing is what the kept beams of a watch end on, connected, and no larger than what moves in buildings. If it was
+    seen in one watch only, and in fewer looks than people stand still for, it may be a pillar or a person:
+    its beams are unknown. But people who stand shift their weight, so that some looks see parts of them free; the share
+    of the looks that do, mean over the hits, decides like the share of looks. Posts and legs of tables are too
+    thin for that: their cells are half free anyhow. A wall is static by its size, even if it was seen once.
+
+    Parameters
+    ----------
+    e : (n_scans, n_beams) float32
+    cells : (n_scans, n_beams) int32
+    watched : Watched
+    params : LookParams
+
+    Returns
+    -------
+    (n_scans, n_beams) float32
+        e.
+    (n_scans, n_beams) bool
+        Unknown.
+    """
+    total, surface = watched.looks.occupied, watched.looks.surface
+    of_places, of_things = np.ones_like(e), np.ones_like(e)
+    is_open = np.asarray(e >= 0.5) & bool(watched.watches)
     for watch in watched.watches:
-        part, ends = e[watch.scans], cells[watch.scans]
-        of_watch = _by_share(
+        scans, ends = watch.scans, cells[watch.scans]
+        hits = np.zeros(surface.frame.shape)
+        add_to_cells(ends, (e[scans] >= 0.5).astype(np.float32), hits.ravel())
+        labels, extents_m = _things(hits, surface.frame)
+        is_thing, thing_of = extents_m <= _LARGEST_THING_M, labels[tuple(surface.cells.T)]
+        by_share = _by_share(
             watch.occupied, watch.free, surface, _LEAST_FREE_LOOKS_OF_WATCH, params.watch_prior
         )
-        labels, extents_m = _things(before[watch.scans], ends, surface.frame)
-        of_things = np.where((extents_m <= _LARGEST_THING_M)[labels], _on_grid(of_watch, surface, 1.0), 1.0)
-        np.minimum(part, _look_up(ends, of_things.astype(np.float32)), out=part)
-    return e
+        by_share = np.where(is_thing[thing_of], by_share, 1.0)
+        _lower(of_places[scans], ends, _on_grid(by_share, surface, 1.0))
+        most, elsewhere = (np.zeros(extents_m.size, dtype=np.int64) for _ in range(2))
+        np.maximum.at(most, thing_of, watch.occupied)
+        np.maximum.at(elsewhere, thing_of, total - watch.occupied)
+        can_be = is_thing & (most < _LOOKS_THAT_TELL) & (elsewhere == 0)
+        is_open[scans] &= _look_up(ends, can_be[labels].astype(np.float32)) > 0
+        free_share = watch.free / np.maximum(watch.free + watch.occupied, 1)
+        still = 1.0 - _mean_over_hits(_on_grid(free_share, surface, 0.0), hits, labels, extents_m.size)
+        by_thing = np.where(extents_m >= _LEAST_BODY_M, expectation_of(still, _STILL_PRIOR), 1.0)
+        _lower(of_things[scans], ends, by_thing[labels].astype(np.float32))
+    judged = np.minimum(e, of_places)
+    np.minimum(judged, np.minimum(of_things, _PRIOR_OF_THINGS), out=judged, where=is_open)
+    return judged, is_open & (judged >= 0.5)
 
 
 def _by_share(occupied: Counts, free: Counts, surface: SurfaceCells, least_free: int, prior: float) -> F64:
@@ -141,40 +183,8 @@ def _largest_share(hits: Counts, others: Counts, surface: SurfaceCells) -> F64:
     return np.asarray(share[surface.neighbours].max(axis=1, initial=-1.0))
 
 
-def _seen_too_little(e: F32, cells: I32, watched: Watched) -> B1:
-    """Which beams, (n_scans, n_beams), end on what may be a pillar or a person: too little was seen of it.
-
-    These are kept beams on a thing - connected end cells of a watch, no larger than what moves in buildings - that was
-    seen in one watch only, in fewer looks than people stand still for. A wall is static by its size, even if
-    it was seen once.
-
-    Parameters
-    ----------
-    e : (n_scans, n_beams) float32
-    cells : (n_scans, n_beams) int32
-    watched : Watched
-    """
-    total, surface = watched.looks.occupied, watched.looks.surface
-    is_unknown = np.asarray(e >= 0.5) & bool(watched.watches)
-    for watch in watched.watches:
-        part, ends = is_unknown[watch.scans], cells[watch.scans]
-        labels, extents_m = _things(e[watch.scans], ends, surface.frame)
-        thing_of = labels[tuple(surface.cells.T)]
-        most, elsewhere = (np.zeros(extents_m.size, dtype=np.int64) for _ in range(2))
-        np.maximum.at(most, thing_of, watch.occupied)
-        np.maximum.at(elsewhere, thing_of, total - watch.occupied)
-        is_open = (extents_m <= _LARGEST_THING_M) & (most < _LOOKS_THAT_TELL) & (elsewhere == 0)
-        part &= _look_up(ends, is_open[labels].astype(np.float32)) > 0
-    return is_unknown
-
-
-def _things(e: F32, cells: I32, frame: GridFrame) -> tuple[I32, F64]:
-    """Number the things that beams called static end on: connected cells; everything else is 0.
-
-    Parameters
-    ----------
-    e, cells : (n_scans, n_beams)
-    frame : GridFrame
+def _things(hits: F64, frame: GridFrame) -> tuple[I32, F64]:
+    """Number the things that beams end on: connected cells with hits; everything else is 0.
 
     Returns
     -------
@@ -182,13 +192,23 @@ def _things(e: F32, cells: I32, frame: GridFrame) -> tuple[I32, F64]:
     (n + 1,) float64
         Extent of each thing, m; that of 0 is infinite.
     """
-    hits = np.zeros(frame.shape)
-    add_to_cells(cells, (e >= 0.5).astype(np.float32), hits.ravel())
     labels, _ = ndimage.label(ndimage.binary_dilation(hits > 0, _AROUND), _AROUND)
     labels[hits == 0] = 0
     boxes = ndimage.find_objects(labels)
     widths = [max(rows.stop - rows.start, cols.stop - cols.start) for rows, cols in boxes]
     return labels, np.array([np.inf, *widths]) * frame.resolution_m
+
+
+def _mean_over_hits(grid: F32, hits: F64, labels: I32, n_things: int) -> F64:
+    """(n_things,) mean of the values of a grid over the hits of each thing."""
+    n_hits = np.bincount(labels.ravel(), weights=hits.ravel(), minlength=n_things)
+    sums = np.bincount(labels.ravel(), weights=(hits * grid).ravel(), minlength=n_things)
+    return np.asarray(sums / np.maximum(n_hits, 1.0))
+
+
+def _lower(e: F32, cells: I32, grid: F32) -> None:
+    """Bring e down to the value of each beam's end cell, in place."""
+    np.minimum(e, _look_up(cells, grid), out=e)
 
 
 def _on_grid(by_cell: F64, surface: SurfaceCells, elsewhere: float) -> F32:

@@ -110,6 +110,22 @@ def test_a_small_thing_seen_once_is_unknown_and_a_wall_is_not():
     assert not by_looks.is_unknown[:, is_wall].any()
 
 
+@pytest.mark.parametrize(("shift_m", "is_found"), [(0.2, True), (0.0, False)])
+def test_who_shifts_while_standing_is_found(shift_m, is_found):
+    """Half a metre wide, in view for 35 seconds, and never gone."""
+    bearings = np.radians(np.linspace(-40.0, 40.0, 161))
+    middle_m = shift_m * (np.arange(350) // 100 % 2)
+    is_there = np.abs(THING_M * np.tan(bearings) - middle_m[:, None]) < 0.25
+    ranges = np.where(is_there, THING_M, WALL_M) / np.cos(bearings)
+    stamps_ns = np.arange(350) * (10**9 // RATE_HZ)
+    log = single_laser_log(stamps_ns, ranges.astype(np.float32), bearings, np.zeros((350, 3)))
+    by_looks = filtered(log)[1]
+    is_dynamic = by_looks.static_probability < 0.5
+    assert not is_dynamic[~is_there].any()
+    assert (is_dynamic[is_there].mean() > 0.9) == is_found
+    assert (by_looks.is_unknown[is_there].mean() > 0.9) != is_found
+
+
 def test_a_small_thing_seen_again_is_static():
     is_there = standing(0, 60, slice(3, 6))
     _, by_looks = filtered(scene(is_there, pause_s=PAUSE_S))
