@@ -11,7 +11,7 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.counting.counts import frame_of_scans, twists_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, filter_beams, occupancy
-from dynmap_cli.counting.looks import filter_by_looks
+from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
@@ -127,8 +127,7 @@ def _with_looks(
         filtered,
         log,
         poses,
-        look_s=settings.look_s,
-        look_prior=settings.look_prior,
+        LookParams(look_s=settings.look_s, look_prior=settings.look_prior),
         usable_range_m=settings.usable_range_m,
         twists=twists,
     )
