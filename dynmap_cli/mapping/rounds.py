@@ -16,6 +16,7 @@ from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops, refine_graph, spread_to_scans
+from dynmap_cli.mapping.first_guess import crowd_weights
 from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register, sweeps_of
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
@@ -110,17 +111,24 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         settings.stop_at_walls,
     )
     registrar = Registrar(log, settings)
-    weights: F32 | None = None
+    crowd: F32 | None = None
+    if settings.poses == "estimate":
+        crowd = crowd_weights(log, settings.usable_range_m, threads=threads)
+    if crowd is not None:
+        _log.info("a crowd: the path is found without the beams that move by the odometry of a few seconds")
+    known: F32 | None = None
     poses: F64 | None = None
     rounds: list[Round] = []
     while True:
+        # Where people come by all the time, few of them stand out on the map of the whole recording.
+        weights = known if crowd is None else crowd if known is None else np.fmin(known, crowd)
         before, poses = poses, registrar.poses(weights, f"round {len(rounds) + 1} of {settings.max_rounds}")
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
         twists = twists_of(registrar.log, poses)
         filtered = filter_beams(registrar.log, poses, frame, params, twists=twists, threads=threads)
         if not rounds:
             unfiltered = occupancy(all_static(filtered.counting_map))
-        rounds.append(_round(filtered, weights, poses, before))
+        rounds.append(_round(filtered, known, poses, before))
         _log.info("round %d: %.1f %% of the beams dynamic", len(rounds), 100 * filtered.dynamic_share)
         if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
             return FilterMap(
@@ -133,7 +141,7 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
                 registrar.front,
                 registrar.wheel_faults,
             )
-        weights = filtered.static_probability
+        known = filtered.static_probability
         del filtered  # as large as the map of the next round
 
 
@@ -173,6 +181,7 @@ class Registrar:
         if self._settings.poses == "recorded":
             return np.array(self.log.odometry)
         sweeps = sweeps_of(self.log, weights)
+        is_first = self.front is None
         if self.front is not None and self.graph is not None and _few_are_dynamic(weights):
             # Hardly anything was filtered: the registration stands, only the poses are fitted again.
             self.graph = refine_graph(sweeps, self._rays, self.front, self.graph)
@@ -196,7 +205,7 @@ class Registrar:
         )
         self.front = front
         self.graph = close_loops(sweeps, self._rays, front, LoopParams(), _note)
-        if weights is not None or self._settings.max_rounds == 1:
+        if not is_first or self._settings.max_rounds == 1:
             # In the first of several rounds the next one fits the poses again.
             self.graph = refine_graph(sweeps, self._rays, front, self.graph)
         return self._in_log_order(spread_to_scans(front, self.graph))

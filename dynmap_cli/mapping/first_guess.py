@@ -1,0 +1,62 @@
+"""Which beams hit something that moves, before any scan is registered: by the odometry of a few seconds.
+
+Rounds of registration and filtering (Fig. 1.2 of the paper) settle at the nearest optimum. A crowd that goes with the
+robot, or streams past it, can carry the first registration along, by metres, and poses that go with the crowd keep it
+in the map. Over a few seconds odometry is good enough to see who moves, so in a crowd the rounds begin with the E-step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, I64
+from dynmap_cli.counting.counts import frame_of_scans
+from dynmap_cli.counting.em import FilterParams, filter_beams
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.mapping.front_end import times_of
+
+_WINDOW_S = 8.0
+_CELL_M = 0.2
+"""Wide enough for what odometry that is not calibrated yet goes wrong in a window."""
+_STATIC_PRIOR = 0.9
+"""Dynamic is what less than 20 % of the beams that reach its place are reflected by."""
+_REACH_M = 20.0
+_CROWD_SHARE = 0.1
+_JUDGED_EVERY = 4
+"""Every fourth window tells whether there is a crowd."""
+
+
+def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
+    """(n_scans, n_beams) e by the odometry of each window of time, NaN = not known; None where there is no crowd.
+
+    On recordings of offices and halls 1 to 5 % of the beams are called dynamic here, in crowds 15 % and more.
+
+    Parameters
+    ----------
+    log : ScanLog
+    usable_m : float
+        Beams are used up to this range, and up to 20 m.
+    threads : int
+    """
+    weights = np.full(log.ranges_m.shape, np.nan, dtype=np.float32)
+    params = FilterParams(_STATIC_PRIOR, 1, min(usable_m, _REACH_M))
+    windows = _windows(log)
+    for first in range(_JUDGED_EVERY):
+        for rows in windows[first::_JUDGED_EVERY]:
+            part = log.select(rows)
+            poses = np.array(part.odometry)
+            frame = frame_of_scans(part, poses, params.usable_range_m, _CELL_M)
+            weights[rows] = filter_beams(part, poses, frame, params, threads=threads).static_probability
+        if first == 0 and np.count_nonzero(weights < 0.5) <= _CROWD_SHARE * np.isfinite(weights).sum():
+            return None
+    return weights
+
+
+def _windows(log: ScanLog) -> list[I64]:
+    """Ascending rows of the scans of each window of time that have odometry."""
+    order = np.argsort(log.arrival_index, kind="stable")
+    window = np.floor(times_of(log) / _WINDOW_S)
+    known = np.isfinite(log.odometry[order]).all(axis=1)
+    order, window = order[known], window[known]
+    parts = np.split(order, np.flatnonzero(np.diff(window)) + 1)
+    return [np.sort(rows) for rows in parts if rows.size]
