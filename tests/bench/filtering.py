@@ -103,7 +103,8 @@ def tables(bench: Bench) -> list[Table]:
             "`dynmap build LOG` with default settings; Seattle and FHW with configs/recorded_poses.yaml. Measures of "
             "`dynmap evaluate` that need no truth, at the poses found, with all beams and with those that were kept: "
             "spread of the end points across the local line; log-likelihood (Eq. 1.1) of every tenth scan in the map "
-            "of the others; share of the end points that other beams look through; occupied cells. Intel and Seattle "
+            "of the others, beams on people included, which no filtered map foretells; share of the end points that "
+            "other beams look through; occupied cells. Intel and Seattle "
             f"are almost static: bound {100 * STATIC_BOUND:.0f} % removed, what misses it is **bold**. "
             f"Every end point beside the filtered map, the removed ones in colour: {drawn}.",
         ],
