@@ -12,6 +12,7 @@ import numpy as np
 from dynmap_cli.arrays import F32, I64
 from dynmap_cli.counting.counts import frame_of_scans
 from dynmap_cli.counting.em import FilterParams, filter_beams
+from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.front_end import times_of
 
@@ -21,9 +22,11 @@ _CELL_M = 0.2
 _STATIC_PRIOR = 0.9
 """Dynamic is what less than 20 % of the beams that reach its place are reflected by."""
 _REACH_M = 20.0
+_FARTHEST_M = 300.0
+"""Odometry that goes further in a window has jumped, and says nothing there."""
 _CROWD_SHARE = 0.1
-_JUDGED_EVERY = 4
-"""Every fourth window tells whether there is a crowd."""
+_MOST_JUDGED = 24
+"""So many windows, spread over the recording, tell whether there is a crowd."""
 
 
 def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
@@ -41,10 +44,13 @@ def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
     weights = np.full(log.ranges_m.shape, np.nan, dtype=np.float32)
     params = FilterParams(_STATIC_PRIOR, 1, min(usable_m, _REACH_M))
     windows = _windows(log)
-    for first in range(_JUDGED_EVERY):
-        for rows in windows[first::_JUDGED_EVERY]:
+    every = max(1, -(-len(windows) // _MOST_JUDGED))
+    for first in range(every):
+        for rows in windows[first::every]:
             part = log.select(rows)
-            poses = np.array(part.odometry)
+            poses = between(part.odometry[0], part.odometry)
+            if np.ptp(poses[:, :2], axis=0).max() > _FARTHEST_M:
+                continue
             frame = frame_of_scans(part, poses, params.usable_range_m, _CELL_M)
             weights[rows] = filter_beams(part, poses, frame, params, threads=threads).static_probability
         if first == 0 and np.count_nonzero(weights < 0.5) <= _CROWD_SHARE * np.isfinite(weights).sum():

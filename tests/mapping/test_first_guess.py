@@ -1,5 +1,7 @@
 """A crowd is seen by the odometry alone, and does not carry the registration along."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,15 @@ def test_a_crowd_is_seen_by_the_odometry(crowd):
 def test_an_empty_hall_and_a_robot_without_odometry_have_no_crowd():
     assert crowd_weights(concourse([]).log, 30.0, threads=1) is None
     assert crowd_weights(concourse(CROWD, odometry=None).log, 30.0, threads=1) is None
+
+
+def test_odometry_that_jumps_says_nothing_in_its_window(crowd):
+    odometry = np.array(crowd.log.odometry)
+    odometry[20:, 0] += 1e7
+    weights = crowd_weights(replace(crowd.log, odometry=odometry), 30.0, threads=1)
+    ended = np.isfinite(crowd.log.ranges_m)
+    assert np.isnan(weights[:32]).all()
+    assert np.isfinite(weights[32:][ended[32:] & (crowd.log.ranges_m[32:] <= 20.0)]).all()
 
 
 def test_a_crowd_does_not_carry_the_path_along(crowd):

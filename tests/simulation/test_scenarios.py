@@ -30,7 +30,10 @@ BAD = {
     "no routes": (PATH + "movers: [{does: wander}]\n", "wanderers need world.routes"),
     "one name": (PATH + "lasers: [{}, {}]\n", "two lasers have the same name"),
     "wait first": ("robot: {path: [{wait_s: 3}]}\n", "must be a place [x, y]"),
-    "unknown behaviour": (PATH + "movers: [{does: fly}]\n", "'walk', 'wander', 'stand', 'follow', 'block'"),
+    "unknown behaviour": (
+        PATH + "movers: [{does: fly}]\n",
+        "'walk', 'wander', 'stream', 'stand', 'accompany', 'follow', 'block'",
+    ),
     "far away": ("robot: {path: [[0, 0], [1.0e+300, 0]]}\n", "is not allowed"),
     "aliases": (PATH + "world: {legs: [&a {at: [0, 0]}, *a]}\n", "anchors and aliases"),
     "tiny cells": (PATH + "map_resolution_m: 1.0e-9\n", "map_resolution_m"),
