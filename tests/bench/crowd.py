@@ -7,6 +7,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
+from dynmap_cli.evaluation.scores import ratio
 from tests.bench.mapped import Mapped, Variant, ate_m, mapped
 from tests.bench.tables import Row, Table, number, percent
 from tests.bench.worlds import Bench, truth_of
@@ -23,7 +24,7 @@ class Compared:
     Attributes
     ----------
     people_share : float
-        Of all beams, those that end on people.
+        Of the beams with an end point, those that end on people.
     filtered, plain : Mapped
     filtered_m, plain_m : float
         ATE.
@@ -49,7 +50,10 @@ def compare(bench: Bench, world: str, seed: int) -> Compared:
     filtered = mapped(bench, name, recording, Variant("as recorded"))
     plain = mapped(bench, name, recording, Variant("no filter", filtered=False))
     errors = [ate_m(one.trajectory, truth.trajectory) for one in (filtered, plain)]
-    return Compared(float((truth.beam_class == truth.moving).mean()), filtered, plain, *errors)
+    people = ratio(
+        int((truth.beam_class == truth.moving).sum()), int((truth.beam_class != truth.no_return).sum())
+    )
+    return Compared(people, filtered, plain, *errors)
 
 
 def _row(job: Future[Compared]) -> Row:
