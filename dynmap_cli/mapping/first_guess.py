@@ -7,6 +7,9 @@ in the map. Over a few seconds odometry is good enough to see who moves, so in a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from dynmap_cli.arrays import F32, I64
@@ -43,25 +46,44 @@ def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
     """
     weights = np.full(log.ranges_m.shape, np.nan, dtype=np.float32)
     params = FilterParams(_STATIC_PRIOR, 1, min(usable_m, _REACH_M))
-    windows = _windows(log)
+    windows = _windows(log, 0.0)
     every = max(1, -(-len(windows) // _MOST_JUDGED))
-    for first in range(every):
-        for rows in windows[first::every]:
-            part = log.select(rows)
-            poses = between(part.odometry[0], part.odometry)
-            if np.ptp(poses[:, :2], axis=0).max() > _FARTHEST_M:
-                continue
-            frame = frame_of_scans(part, poses, params.usable_range_m, _CELL_M)
-            weights[rows] = filter_beams(part, poses, frame, params, threads=threads).static_probability
-        if first == 0 and np.count_nonzero(weights < 0.5) <= _CROWD_SHARE * np.isfinite(weights).sum():
-            return None
+    judged = _Judged(log, weights, params, threads)
+    judged.add(windows[::every])
+    if np.count_nonzero(weights < 0.5) <= _CROWD_SHARE * np.isfinite(weights).sum():
+        return None
+    for first in range(1, every):
+        judged.add(windows[first::every])
+    # Where somebody was before a window began is seen in the one that began earlier.
+    judged.add(_windows(log, 0.5 * _WINDOW_S))
     return weights
 
 
-def _windows(log: ScanLog) -> list[I64]:
-    """Ascending rows of the scans of each window of time that have odometry."""
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What is known of each beam; of several windows the one counts in which it seems to move most."""
+
+    log: ScanLog
+    weights: F32
+    params: FilterParams
+    threads: int
+
+    def add(self, windows: Sequence[I64]) -> None:
+        """Filter windows, each in the frame of its first scan."""
+        for rows in windows:
+            part = self.log.select(rows)
+            poses = between(part.odometry[0], part.odometry)
+            if np.ptp(poses[:, :2], axis=0).max() > _FARTHEST_M:
+                continue
+            frame = frame_of_scans(part, poses, self.params.usable_range_m, _CELL_M)
+            found = filter_beams(part, poses, frame, self.params, threads=self.threads).static_probability
+            self.weights[rows] = np.fmin(self.weights[rows], found)
+
+
+def _windows(log: ScanLog, begun_s: float) -> list[I64]:
+    """Ascending rows of the scans of each window of time that have odometry; the first one began some time before."""
     order = np.argsort(log.arrival_index, kind="stable")
-    window = np.floor(times_of(log) / _WINDOW_S)
+    window = np.floor((times_of(log) + begun_s) / _WINDOW_S)
     known = np.isfinite(log.odometry[order]).all(axis=1)
     order, window = order[known], window[known]
     parts = np.split(order, np.flatnonzero(np.diff(window)) + 1)

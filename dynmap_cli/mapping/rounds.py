@@ -35,6 +35,8 @@ _GOOD_SHARE, _CLEAR_GAIN, _BETTER_SHARE = 0.7, 0.003, 0.05
 _SWEEP_SCANS = 1000
 _SCANS_BEFORE = 80
 _FEW_DYNAMIC = 0.02
+_CROWDED_SHARE = 0.2
+"""Share of the points that counts as independent in a crowd."""
 _SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
 
 
@@ -110,12 +112,12 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         settings.em,
         settings.stop_at_walls,
     )
-    registrar = Registrar(log, settings)
     crowd: F32 | None = None
     if settings.poses == "estimate":
         crowd = crowd_weights(log, settings.usable_range_m, threads=threads)
     if crowd is not None:
         _log.info("a crowd: the path is found without the beams that move by the odometry of a few seconds")
+    registrar = Registrar(log, settings, is_crowded=crowd is not None)
     known: F32 | None = None
     poses: F64 | None = None
     rounds: list[Round] = []
@@ -165,10 +167,13 @@ def _with_looks(
 class Registrar:
     """Registers the scans of one recording, again in every round, with the odometry calibrated once."""
 
-    def __init__(self, log: ScanLog, settings: MapSettings) -> None:
+    def __init__(self, log: ScanLog, settings: MapSettings, *, is_crowded: bool = False) -> None:
         self.log, self._settings = log, settings
         self._rays: Rays = rays_of(log, settings.usable_range_m)
+        # Who is left of a crowd errs together, and the odometry has to hold against them.
         self._params = FrontEndParams()
+        if is_crowded:
+            self._params = replace(self._params, independent_share=_CROWDED_SHARE)
         self.calibration = Calibration()
         self.graph: Graph | None = None
         self.front: Registered | None = None
