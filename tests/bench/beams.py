@@ -33,6 +33,8 @@ CUT: dict[str, LANE] = {
     "office_two_hours": {"repeat": 1},
     "watched_doors": {"repeat": 2},
     "crowd": {"repeat": 2},
+    "concourse": {},
+    "guided_tour": {"repeat": 1},
     "operator": {"repeat": 1},
     "home": {"repeat": 1, "days": 1},
     "glass_lobby": {"repeat": 3},
