@@ -13,6 +13,9 @@ import numpy as np
 from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.kernels.jit import kernel
 
+LEAST_PIVOT = 1e-9
+"""Smaller squares on the diagonal of a factor are rounding: what is damped by as much has none."""
+
 
 @kernel
 def fill_in(starts: I64, rows: I64, filled_starts: I64, filled_rows: I64) -> int:
@@ -122,11 +125,11 @@ def _subtract_products(blocks: F64, rows: I64, place_of: I64, begin: int, end: i
 @kernel
 def _invert_factor(block: F64) -> None:
     """Replace a positive definite block by the inverse of its Cholesky factor, lower triangular."""
-    a = 1.0 / math.sqrt(block[0, 0])
+    a = 1.0 / math.sqrt(max(block[0, 0], LEAST_PIVOT))
     l10, l20 = block[1, 0] * a, block[2, 0] * a
-    b = 1.0 / math.sqrt(block[1, 1] - l10 * l10)
+    b = 1.0 / math.sqrt(max(block[1, 1] - l10 * l10, LEAST_PIVOT))
     l21 = (block[2, 1] - l20 * l10) * b
-    c = 1.0 / math.sqrt(block[2, 2] - l20 * l20 - l21 * l21)
+    c = 1.0 / math.sqrt(max(block[2, 2] - l20 * l20 - l21 * l21, LEAST_PIVOT))
     block[:] = 0.0
     block[0, 0], block[1, 1], block[2, 2] = a, b, c
     block[1, 0] = -b * l10 * a

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.arrays import B1, F64, I32, I64
 from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
 from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
 from dynmap_cli.mapping.places import SAME_VISIT, representatives
@@ -289,7 +289,7 @@ class LoopSearch:
         needed = 0 if loop.shift_m < 0.5 else 1 if loop.shift_m < 2.0 else 2
         if needed == 0:
             return True
-        return sum(is_companion(loop, other, poses) for other in near.around(loop)) >= needed
+        return int(are_companions(loop, list(near.around(loop)), poses).sum()) >= needed
 
 
 def why_not(fit: Fit, params: LoopParams) -> str:
@@ -324,14 +324,18 @@ class _NearLoops:
             yield from self._blocks.get(block, ())
 
 
-def is_companion(loop: Loop, other: Loop, poses: F64) -> bool:
-    """Whether another loop joins neighbours of the same maps in the same way."""
-    if other is loop or max(abs(other.fixed - loop.fixed), abs(other.moved - loop.moved)) > _NEIGHBOURS:
-        return False
-    way = compose(between(poses[loop.fixed], poses[other.fixed]), other.fit.pose)
-    way = compose(way, between(poses[other.moved], poses[loop.moved]))
+def are_companions(loop: Loop, others: Sequence[Loop], poses: F64) -> B1:
+    """(n_others,) which other loops join neighbours of the same maps in the same way."""
+    if not others:
+        return np.zeros(0, dtype=bool)
+    fixed, moved = np.array([(other.fixed, other.moved) for other in others]).T
+    way = compose(between(poses[loop.fixed], poses[fixed]), np.array([other.fit.pose for other in others]))
+    way = compose(way, between(poses[moved], poses[loop.moved]))
     error = between(way, loop.fit.pose)
-    return bool(np.hypot(error[0], error[1]) < 0.4 and abs(error[2]) < 0.07)
+    is_other = np.array([other is not loop for other in others])
+    are_neighbours = np.maximum(np.abs(fixed - loop.fixed), np.abs(moved - loop.moved)) <= _NEIGHBOURS
+    agree = (np.hypot(error[:, 0], error[:, 1]) < 0.4) & (np.abs(error[:, 2]) < 0.07)
+    return np.asarray(is_other & are_neighbours & agree)
 
 
 def _far_apart(a: F64, b: F64) -> bool:

@@ -11,13 +11,13 @@ import numpy as np
 
 from dynmap_cli.arrays import F64, I64, U8
 from dynmap_cli.domain.poses import between, wrap_angle
-from dynmap_cli.kernels.block_cholesky import add_edges, multiply
+from dynmap_cli.kernels.block_cholesky import LEAST_PIVOT, add_edges, multiply
 from dynmap_cli.mapping.sparse_factor import SparseFactor
 
 CHAIN, LOOP, DENSE, PLACED = 0, 1, 2, 3
 """Where an edge came from: consecutive key scans, two local maps, a key scan in a local map, two drives."""
 
-_ANCHOR_WEIGHT, _DAMPING = 1e10, 1e-9
+_ANCHOR_WEIGHT = 1e10
 _CLOSE_NODES = 20
 _CG_STEPS, _CG_SHARE = 50, 0.01
 
@@ -169,7 +169,7 @@ class _NormalEquations:
         edges, n_nodes = self._edges, self._n_nodes
         right = np.zeros((n_nodes, 3))
         diagonal = np.zeros((n_nodes, 3, 3))
-        diagonal[:, [0, 1, 2], [0, 1, 2]] = _DAMPING
+        diagonal[:, [0, 1, 2], [0, 1, 2]] = LEAST_PIVOT
         diagonal[0, [0, 1, 2], [0, 1, 2]] = _ANCHOR_WEIGHT
         core_diagonal, pairs = diagonal.copy(), np.zeros((self._smaller.size, 3, 3))
         add_edges(

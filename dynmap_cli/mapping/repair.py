@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, is_companion
+from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, are_companions
 from dynmap_cli.mapping.warnings import WRONG_MAP
 
 _ATTEMPTS, _SUSPECTS = 6, 4
@@ -111,7 +111,8 @@ def _group(seed: Loop, loops: Sequence[Loop], poses: F64) -> list[Loop]:
     group, ends = [seed], [seed]
     while ends:
         end = ends.pop()
-        new = [loop for loop in loops if loop not in group and is_companion(end, loop, poses)]
+        are_new = are_companions(end, loops, poses)
+        new = [loop for loop, is_new in zip(loops, are_new, strict=True) if is_new and loop not in group]
         group += new
         ends += new
     return group

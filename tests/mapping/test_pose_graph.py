@@ -102,6 +102,18 @@ def test_what_is_not_in_the_core_of_the_graph_counts_as_much(seed):
     np.testing.assert_allclose(iterated, exact, atol=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_part_that_nothing_holds_stays_finite_and_in_shape(seed):
+    poses, edges = random_graph(seed, n_loops=0)
+    is_kept = edges.first != 19
+    edges = Edges(*(getattr(edges, name)[is_kept] for name in Edges.__slots__))
+    start = poses.copy()
+    start[30:] = compose(np.array([0.3, -0.2, 0.1]), poses[30:])
+    result, _ = optimise(start, edges, np.full(len(edges), np.inf))
+    assert np.isfinite(result).all()
+    np.testing.assert_allclose(residuals(result, edges), 0.0, atol=1e-3)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_drifted_chain_with_exact_loops_comes_back_to_the_truth(seed):
     poses, edges = random_graph(seed)
