@@ -248,11 +248,11 @@ def count_up_to_walls(
     silent = np.asarray(log.ranges_m == np.inf)
     if not silent.any():
         return count_beams(log, poses, frame, usable_range_m, twists=twists, threads=threads)
-    seen = count_beams(only_returns(log), poses, frame, usable_range_m, twists=twists, threads=threads)
-    reflectance = np.nan_to_num(seen.reflectance)
-    walls: B1 = ndimage.binary_dilation(reflectance >= _WALL_REFLECTANCE, np.ones((3, 3), dtype=bool))
+    walls = _walls_of(
+        count_beams(only_returns(log), poses, frame, usable_range_m, twists=twists, threads=threads)
+    )
     moving = np.zeros((log.n_scans, 3)) if twists is None else twists
-    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls.astype(np.uint8), moving)
+    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls, moving)
     cut = replace(log, ranges_m=np.where(silent, reach, log.ranges_m))
     return count_beams(cut, poses, frame, usable_range_m, twists=twists, threads=threads)
 
@@ -261,6 +261,13 @@ def only_returns(log: ScanLog) -> ScanLog:
     """The same scans, in which beams without return say nothing."""
     silent = np.asarray(log.ranges_m == np.inf)
     return replace(log, ranges_m=np.where(silent, np.float32(np.nan), log.ranges_m)) if silent.any() else log
+
+
+def _walls_of(counts: CountingMap) -> U8:
+    """1 (rows, cols) in and beside cells that reflect half of the beams."""
+    reflecting = counts.reflectance >= _WALL_REFLECTANCE
+    walls: B1 = ndimage.binary_dilation(reflecting, np.ones((3, 3), dtype=bool))
+    return walls.view(np.uint8)
 
 
 def _reach_of_silent_beams(
