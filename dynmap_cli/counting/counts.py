@@ -57,7 +57,8 @@ class Rays:
 
 def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
     """Directions and usable ranges of a recording's lasers."""
-    angles = log.bearings_rad + log.sensor_poses[:, 2:3]
+    # Where a geometry has fewer beams, ranges are NaN and no beam is there; its direction is any.
+    angles = np.nan_to_num(log.bearings_rad) + log.sensor_poses[:, 2:3]
     return Rays(
         directions=np.stack([np.cos(angles), np.sin(angles)], axis=-1),
         sensor_poses=log.sensor_poses.copy(),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, end_cells, frame_of_scans
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.poses import compose
-from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.domain.scans import join_drives, single_laser_log
 from dynmap_cli.errors import LogError
 from tests.reference.counting import plain_alpha_beta, plain_beams
 
@@ -44,6 +44,20 @@ def test_counts_match_the_ray_by_ray_sums(seed):
     alpha, beta = plain_alpha_beta(plain_beams(log, poses, FRAME, 2.5), weights.astype(float), FRAME.shape)
     np.testing.assert_allclose(counts.static_hits, alpha, atol=1e-8)
     np.testing.assert_allclose(counts.dynamic_hits + counts.passed_cells, beta, atol=1e-8)
+
+
+@given(st.integers(0, 10**6))
+def test_lasers_of_fewer_beams_count_as_on_their_own(seed):
+    """A drive with another laser leaves columns without a beam, which have neither range nor bearing."""
+    drives = [random_world(seed, n_beams=5), random_world(seed + 1, n_beams=9)]
+    later = replace(drives[1][0], stamps_ns=drives[1][0].stamps_ns + 10**12)
+    log, poses = join_drives([drives[0][0], later]), np.concatenate([drives[0][1], drives[1][1]])
+    both = count_beams(log, poses, FRAME, 2.5)
+    parts = [count_beams(part, at, FRAME, 2.5) for part, at, _ in drives]
+    for name in ("static_hits", "passed_cells"):
+        np.testing.assert_allclose(getattr(both, name), sum(getattr(part, name) for part in parts), atol=1e-6)
+    ended = end_cells(log, poses, FRAME, 2.5) >= 0
+    assert not ended[log.drive_index == 0, 5:].any()
 
 
 @given(st.integers(0, 10**6))
