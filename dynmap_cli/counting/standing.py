@@ -19,7 +19,7 @@ from dynmap_cli.kernels.em import add_to_cells, look_up
 
 Counts: TypeAlias = I64 | I32 | F64
 _LEAST_FREE_LOOKS, _LEAST_FREE_LOOKS_OF_WATCH = 3, 1
-_LARGEST_THING_M, _LEAST_BODY_M, _LOOKS_THAT_TELL = 1.2, 0.3, 8
+_LARGEST_THING_M, _LEAST_BODY_M, _LOOKS_THAT_TELL = 1.2, 0.4, 8
 _STILL_PRIOR = 0.55
 _PRIOR_OF_THINGS, _LEAST_EXPECTATION = np.float32(0.9), np.float32(0.01)
 _AROUND = np.ones((3, 3))
