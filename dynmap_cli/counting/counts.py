@@ -21,6 +21,7 @@ from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells, widen_bounds
 from dynmap_cli.kernels.counts import HIT_SUMS, add_sums, count_scans, scale_sums, sum_along_x, sum_along_y
 
 SCANS_PER_CHUNK = 1024
+_LEAST_PER_THREAD = 100
 N_BANDS = 8
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
@@ -207,7 +208,7 @@ def count_beams(
         Velocity during each scan, see `twists_of`; without it the robot stood still.
     threads : int
     """
-    threads = max(1, min(threads, log.n_scans // SCANS_PER_CHUNK))
+    threads = max(1, min(threads, log.n_scans // _LEAST_PER_THREAD))
     n_parts = threads * math.ceil(log.n_scans / (threads * SCANS_PER_CHUNK))
     bounds = np.linspace(0, log.n_scans, n_parts + 1).astype(int).tolist()
     parts = iter([slice(*pair) for pair in pairwise(bounds)])
