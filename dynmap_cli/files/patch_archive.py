@@ -72,6 +72,7 @@ def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) 
     frame = submap.frame
     return {
         "id": submap.submap_id,
+        **({"name": submap.name} if submap.name else {}),
         "origin_m": [round(frame.origin_x_m, 9), round(frame.origin_y_m, 9)],
         "size_cells": [frame.cols, frame.rows],
         "area_m2": round(submap.area_m2, 9),

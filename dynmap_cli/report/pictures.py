@@ -77,7 +77,7 @@ class MapPicture:
         low = np.array([frame.origin_x_m, frame.origin_y_m])
         (left, bottom), (right, top) = self._to_pixels(np.array([low, low + submap.size_m])).tolist()
         pen.rectangle((left, top, right, bottom), outline=_SUBMAP, width=2)
-        pen.text((right + 3, top - 2), str(submap.submap_id), fill=_SUBMAP, font=font_of(18))
+        pen.text((right + 3, top - 2), submap.called, fill=_SUBMAP, font=font_of(18))
 
     def _above_scale(self, image: Image.Image) -> Image.Image:
         """Put a bar of 1, 2, 5, 10, ... metres with its length below the map."""

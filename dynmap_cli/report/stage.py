@@ -170,12 +170,12 @@ def _state_pictures(
             "Visits: one bar each, coloured by the state it saw; grey where none was recognised. "
             "A line joins visits that saw the same state one after the other."
         )
-        pictures.append(Picture("visits.png", draw_visits(visits), caption))
+        pictures.append(Picture("visits.png", draw_visits(visits, submaps), caption))
     places = {submap.submap_id: submap for submap in submaps}
     for patch_set in patch_sets:
         number = patch_set.submap_id
         x, y = places[number].center_m
-        caption = f"Sub-map {number} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
+        caption = f"Sub-map {places[number].called} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
         pictures.append(Picture(f"submap_{number:03d}.png", _png(draw_states(patch_set)), caption))
     return tuple(pictures)
 
