@@ -51,7 +51,7 @@ def run(context: StageContext) -> dict[str, Any]:
     pictures = {
         "map": _map_pictures(context, submaps),
         "segment": (),
-        "cluster": _state_pictures(submaps, patch_sets, visits),
+        "cluster": _state_pictures(context.run_dir, submaps, patch_sets, visits),
     }
     sections = [
         Section(
@@ -158,10 +158,11 @@ def _read_rounds(path: Path) -> list[RoundRow]:
 
 
 def _state_pictures(
-    submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
+    run_dir: Path, submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
 ) -> tuple[Picture, ...]:
     """When which state was seen, and what the states look like."""
     from dynmap_cli.report.curves import draw_visits
+    from dynmap_cli.report.patch_map import draw_patch_map
     from dynmap_cli.report.pictures import draw_states
 
     pictures = []
@@ -171,6 +172,13 @@ def _state_pictures(
             "A line joins visits that saw the same state one after the other."
         )
         pictures.append(Picture("visits.png", draw_visits(visits, submaps), caption))
+    if patch_sets:
+        grid, _ = read_map(run_dir / "map" / "map.yaml")
+        caption = (
+            "The patch map: in each sub-map of the map the mean of its states, and beside the map the states. "
+            "Red: cells that change."
+        )
+        pictures.append(Picture("patch_map.png", _png(draw_patch_map(grid, submaps, patch_sets)), caption))
     places = {submap.submap_id: submap for submap in submaps}
     for patch_set in patch_sets:
         number = patch_set.submap_id
