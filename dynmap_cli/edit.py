@@ -18,6 +18,7 @@ from dynmap_cli.files.edits import check_name, read_edits, read_polygon, write_e
 from dynmap_cli.files.known import FOLDER, forget, remember
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.patch_archive import read_patches
+from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
@@ -86,6 +87,9 @@ def edit(run_dir: Path, wishes: Wishes, *, threads: int) -> tuple[tuple[Correcti
     _check_there(run_dir)
     with writing(run_dir):
         check_finished(run_dir, (INGEST, MAP))
+        read_scan_log(
+            run_dir / INGEST.folder
+        )  # refuses a run whose scans were taken away before anything is written
         config = settings_of(run_dir)
         before = read_edits(run_dir)
         context = context_of(run_dir, config, threads, ())

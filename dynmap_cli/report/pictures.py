@@ -15,7 +15,7 @@ from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
 
 INK, PAPER, UNSEEN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
-_MOVED, _PATH, _SUBMAP, _CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
+_MOVED, _PATH, _SUBMAP, CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
 _SCALE_PIXELS = 24
@@ -123,7 +123,7 @@ def draw_states(patch_set: PatchSet) -> Image.Image:
 def state_tile(reflectance: F32, patch_set: PatchSet) -> U8:
     """(rows, cols, 3) colours of a state, first row on top."""
     strength = np.clip(np.nan_to_num(reflectance) / FULL_REFLECTANCE, 0.0, 1.0)[..., None]
-    ink = np.where(patch_set.varying[..., None], np.array(_CHANGING), np.array(INK))
+    ink = np.where(patch_set.varying[..., None], np.array(CHANGING), np.array(INK))
     colours = np.array(PAPER) * (1.0 - strength) + ink * strength
     colours[np.isnan(reflectance)] = UNSEEN
     return np.asarray(np.flipud(colours), dtype=np.uint8)

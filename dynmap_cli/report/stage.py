@@ -17,7 +17,7 @@ from dynmap_cli.files.counting_map import read_beams
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import read_text
 from dynmap_cli.files.manifest import Manifest, read_manifest
-from dynmap_cli.files.patch_archive import read_patches, read_visits
+from dynmap_cli.files.patch_archive import read_patches, read_rounds, read_visits
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
@@ -161,6 +161,7 @@ def _state_pictures(
     run_dir: Path, submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
 ) -> tuple[Picture, ...]:
     """When which state was seen, and what the states look like."""
+    from dynmap_cli.report.clusters import draw_clusters
     from dynmap_cli.report.curves import draw_visits
     from dynmap_cli.report.patch_map import draw_patch_map
     from dynmap_cli.report.pictures import draw_states
@@ -180,11 +181,20 @@ def _state_pictures(
         )
         pictures.append(Picture("patch_map.png", _png(draw_patch_map(grid, submaps, patch_sets)), caption))
     places = {submap.submap_id: submap for submap in submaps}
+    rounds = read_rounds(run_dir / "patches" / "patches.zip")
     for patch_set in patch_sets:
         number = patch_set.submap_id
         x, y = places[number].center_m
         caption = f"Sub-map {places[number].called} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
         pictures.append(Picture(f"submap_{number:03d}.png", _png(draw_states(patch_set)), caption))
+        if len(rounds[number]) > 1:
+            caption = (
+                f"Sub-map {places[number].called}: a cluster is added in each round; the BIC, and the means of the "
+                "clusters. The largest BIC is chosen; clusters that differ in too few cells are then one state. "
+                "Red: occupied. Grey: unknown, or the same in all states."
+            )
+            picture = _png(draw_clusters(patch_set, rounds[number]))
+            pictures.append(Picture(f"clusters_{number:03d}.png", picture, caption))
     return tuple(pictures)
 
 

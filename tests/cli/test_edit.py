@@ -196,6 +196,12 @@ def test_a_run_that_is_not_there_or_not_finished_is_refused(run_dir, tmp_path):
     missing = run_dynmap("edit", tmp_path / "none", "--list")
     assert missing.exit_code == FILES
     assert not (tmp_path / "none").exists()
+    scans = run_dir / "scans" / "ranges_m.npy"
+    scans.rename(tmp_path / "away.npy")
+    before = contents(run_dir)
+    assert run_dynmap("edit", run_dir, "--drop", "0", "-q").exit_code == FILES
+    assert contents(run_dir) == before
+    (tmp_path / "away.npy").rename(scans)
     shutil.rmtree(run_dir / "map")
     unfinished = run_dynmap("edit", run_dir, "--drop", "0", "-q")
     assert unfinished.exit_code == FILES
