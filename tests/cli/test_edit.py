@@ -96,6 +96,17 @@ def test_a_polygon_becomes_a_sub_map_of_its_own(run_dir, area):
     assert "cells were added by hand" in result.stdout
 
 
+def test_a_polygon_around_a_door_learns_the_states_of_the_door(run_dir, area):
+    """It takes the place of what was found there."""
+    before = states_of(run_dir)
+    box = submaps_of(run_dir)[0].rectangle
+    left, bottom, right, top = box.left_m - 0.2, box.bottom_m - 0.2, box.right_m + 0.2, box.top_m + 0.2
+    area.write_text(f"{left},{bottom}\n{right},{bottom}\n{right},{top}\n{left},{top}\n")
+    edited(run_dir, "--polygon", "add", area)
+    assert set(submaps_of(run_dir)) == {1, 2}
+    assert sorted(states_of(run_dir)[2].values()) == sorted(before[0].values())
+
+
 def test_everything_is_honoured_by_an_update(run_dir, area, sample_logs):
     """Tuesday sees all doors in all states again: nothing comes back, and numbers stay."""
     edited(run_dir, "--polygon", "add", area, "--merge", "0:0,1", "--name", "2", "shelf", "--drop", "1")
