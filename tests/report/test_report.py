@@ -74,7 +74,7 @@ def write_run(folder, submaps=(), patch_sets=(), visits=(), settings=None):
         write_manifest(folder / name, Manifest(stage, effective, inputs, {}, summary, 1.0, __version__))
     write_scan_log(folder / "scans", log)
     write_tum(folder / "map" / "trajectory.tum", Trajectory(log.stamps_ns, np.zeros((N_SCANS, 3))))
-    write_beams(folder / "map" / "beams.npz", log.stamps_ns, labels)
+    write_beams(folder / "map" / "beams.npz", log.stamps_ns, labels, np.zeros(labels.shape, bool))
     for grid_name in ("map", "unfiltered", "round_1", "round_2"):
         write_map(folder / "map", grid_name, small_grid())
     header = "round,log_likelihood,dynamic_share,changed_labels,pose_shift_m\n"
