@@ -95,7 +95,7 @@ def edit(run_dir: Path, wishes: Wishes, *, threads: int) -> tuple[tuple[Correcti
         context = context_of(run_dir, config, threads, ())
         results = [run_stage(stage, context, force=False) for stage in (SEGMENT, CLUSTER)]
         corrections = _corrected(run_dir, before, wishes, config)
-        if corrections != before:
+        if corrections != before or (corrections and not (run_dir / FOLDER).is_dir()):
             _record(run_dir, corrections)
             results = [run_stage(stage, context, force=False) for stage in (SEGMENT, CLUSTER)]
         results.append(run_stage(REPORT, context, force=False))

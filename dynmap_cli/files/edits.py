@@ -57,7 +57,14 @@ def read_edits(run_dir: Path) -> tuple[Correction, ...]:
         if found != FORMAT_VERSION:
             msg = f"format version {found}, this dynmap reads version {FORMAT_VERSION}"
             raise ValueError(msg)
-        return tuple(_numbered(number, entry) for number, entry in enumerate(content["corrections"], start=1))
+        corrections = tuple(
+            _numbered(number, entry) for number, entry in enumerate(content["corrections"], start=1)
+        )
+        added = [one.submap_id for one in corrections if isinstance(one, Addition)]
+        if len(set(added)) < len(added):
+            msg = f"two areas are added with one number: {added}"
+            raise ValueError(msg)
+        return corrections
 
 
 def check_name(name: str) -> str:

@@ -155,6 +155,20 @@ def test_the_list_changes_nothing(run_dir):
     assert contents(run_dir) == before
 
 
+def test_a_list_that_was_changed_by_hand_is_applied(run_dir):
+    where = "{submap: 0, rectangle_m: [4.1, 9.75, 4.6, 11.0]}"
+    (run_dir / "edits.yaml").write_text(f"format_version: 1\ncorrections:\n- drop: {where}\n")
+    edited(run_dir)
+    assert set(submaps_of(run_dir)) == {1}
+    assert {one.submap_id for one in read_submaps(run_dir / "known")} == {0, 1}
+    (run_dir / "edits.yaml").write_text("format_version: 1\ncorrections:\n- paint: {submap: 0}\n")
+    before = contents(run_dir)
+    result = run_dynmap("edit", run_dir, "-q")
+    assert result.exit_code == FILES
+    assert "edits.yaml: not a list of corrections (correction 1: " in result.stderr
+    assert contents(run_dir) == before
+
+
 def test_a_build_with_force_keeps_corrections_of_the_same_recordings_only(small, tmp_path):
     words = ("build", small.recording, "-o", small.run_dir, "--force", "-q")
     polygon = tmp_path / "niche.csv"

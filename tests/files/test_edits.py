@@ -8,6 +8,7 @@ from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.edits import check_name, edit_digests, read_edits, read_polygon, write_edits
 
 PLACE = Place(3, Rectangle(-1.25, 0.5, 2.0, 1.75))
+AREA = "{add: {submap: 7, polygon_m: [[0, 0], [1, 0], [1, 1]]}}"
 ALL = (
     Merge(PLACE, (0, 2)),
     Addition(7, ((0.0, 0.0), (1.0, 0.0), (0.5, 2.0))),
@@ -56,6 +57,7 @@ def test_without_corrections_there_is_no_file(tmp_path):
             "two or more",
         ),
         ("{format_version: 1, corrections: [{add: {submap: 1, polygon_m: [[0, 0], [1, 1]]}}]}", "2 corners"),
+        (f"{{format_version: 1, corrections: [{AREA}, {AREA}]}}", "two areas are added with one number"),
         (
             "{format_version: 1, corrections: [{add: {submap: 1, polygon_m: [[0, 0], [1], [1, 1]]}}]}",
             "correction 1",
