@@ -15,6 +15,7 @@ from dynmap_cli.errors import DynmapError
 VERBS = (
     "build",
     "update",
+    "edit",
     "ingest",
     "map",
     "segment",
