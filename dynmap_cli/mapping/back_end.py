@@ -12,19 +12,24 @@ from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.kernels.map_fits import MATCHED, RESIDUAL, SEEN
+from dynmap_cli.mapping.edges import (
+    RESIDUAL_M,
+    anchor_chain,
+    capped,
+    chain_edges,
+    loop_edges,
+    placed_edges,
+    scales,
+)
 from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.places import SAME_VISIT, representatives
-from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, PLACED, Edges, join_edges, no_edges, optimise
+from dynmap_cli.mapping.pose_graph import DENSE, Edges, join_edges, no_edges, optimise
 from dynmap_cli.mapping.repair import State, repair
 
-_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE = 6.0, 4.0, 3.0
-_CHAIN_SHIFT_M, _CHAIN_TURN_RAD = 0.008, 0.003
-_LOOP_SHIFT_M, _LOOP_TURN_RAD = 0.02, 0.003
 _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
-_PLACED_SHIFT_M, _PLACED_TURN_RAD, _PLACED_WINDOW_M = 1.0, 0.1, 2.0
-_RESIDUAL_M = 0.1
+_PLACED_WINDOW_M = 2.0
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
 _DENSE_STEPS = 6
 _DENSE_MIN_SEEN, _DENSE_MIN_MATCHED, _DENSE_MAX_RESIDUAL_M = 0.3, 0.6, 0.05
@@ -112,14 +117,14 @@ def close_loops(
     drives = sweeps.drive_index[keys]
     known = known or Known(front.poses[keys], (), {}, ())
     if keys.size < 3:
-        chain = _chain_edges(front.poses[keys], drives)
+        chain = chain_edges(front.poses[keys], drives)
         return Graph(keys, front.poses[keys], chain, np.ones(len(chain)))
     maps = make_local_maps(sweeps, rays, front.twists, keys, front.poses[keys])
     anchors = anchors_of(maps)
     search = LoopSearch(maps, params, drives[anchors], list(known.loops), dict(known.rejected))
     fixed_edges = join_edges(
-        _anchor_chain(front.poses[keys], anchors, drives),
-        _placed_edges(known.key_poses[anchors], np.arange(anchors.size), drives[anchors]),
+        anchor_chain(front.poses[keys], anchors, drives),
+        placed_edges(known.key_poses[anchors], np.arange(anchors.size), drives[anchors]),
     )
     search.retry(list(known.pairs), known.key_poses[anchors], _PLACED_WINDOW_M)
     anchor_poses, contradictions, contradicting = _close_rounds(
@@ -162,12 +167,12 @@ def refine_graph(
     dense = _dense_edges(sweeps, rays, front.twists, keys, graph.poses, maps, anchors)
     drives = sweeps.drive_index[keys]
     edges = join_edges(
-        _chain_edges(front.poses[keys], drives),
-        _loop_edges(graph.loops, anchors),
+        chain_edges(front.poses[keys], drives),
+        loop_edges(graph.loops, anchors),
         dense,
-        _placed_edges(graph.poses, anchors, drives),
+        placed_edges(graph.poses, anchors, drives),
     )
-    poses, weights = optimise(graph.poses, edges, _scales(edges), graduated=False, rounds=_DENSE_STEPS)
+    poses, weights = optimise(graph.poses, edges, scales(edges), graduated=False, rounds=_DENSE_STEPS)
     return replace(graph, poses=poses, edges=edges, weights=weights)
 
 
@@ -181,8 +186,8 @@ def _close_rounds(search: LoopSearch, poses: F64, fixed_edges: Edges, note: Call
     numbers = np.arange(poses.shape[0])
 
     def solve(loops: Sequence[Loop], start: F64) -> F64:
-        edges = join_edges(fixed_edges, _loop_edges(loops, numbers))
-        return optimise(start, edges, _scales(edges))[0]
+        edges = join_edges(fixed_edges, loop_edges(loops, numbers))
+        return optimise(start, edges, scales(edges))[0]
 
     def until_nothing_new(poses: F64) -> F64:
         for number in range(MAX_ROUNDS):
@@ -237,90 +242,6 @@ def _spread_one(nodes: I64, node_poses: F64, poses: F64) -> F64:
     return np.asarray(result)
 
 
-def _scales(edges: Edges) -> F64:
-    """Scale of the robust kernel of each edge, standard deviations."""
-    return np.array([_CHAIN_SCALE, _LOOP_SCALE, _DENSE_SCALE, np.inf])[edges.kind]
-
-
-def _chain_edges(key_poses: F64, drives: I32) -> Edges:
-    """Consecutive key scans of a drive, as the front end saw them."""
-    measured, sigma_shift, sigma_turn = _chain_steps(key_poses)
-    return _chain(measured, _diagonal(sigma_shift, sigma_turn), drives)
-
-
-def _chain(measured: F64, information: F64, drives: I32) -> Edges:
-    """Edges between consecutive nodes, without those from one drive to the next."""
-    within = np.flatnonzero(np.diff(drives) == 0).astype(np.int64)
-    kind = np.full(within.size, CHAIN, dtype=np.uint8)
-    return Edges(within, within + 1, measured[within], information[within], kind)
-
-
-def _placed_edges(poses: F64, nodes: I64, drives: I32) -> Edges:
-    """From the first node of the first drive to that of each other: they hold together what loops do not.
-
-    Parameters
-    ----------
-    poses : (n, 3) float64
-    nodes : (k,) int64
-        Ascending; those that stand for the local maps.
-    drives : (n,) int32
-        Ascending.
-    """
-    _, first = np.unique(drives[nodes], return_index=True)
-    ends = nodes[first]
-    others = ends[1:]
-    start = np.full(others.size, ends[0], dtype=np.int64)
-    sigma = np.full(others.size, 1.0)
-    information = _diagonal(_PLACED_SHIFT_M * sigma, _PLACED_TURN_RAD * sigma)
-    measured = between(poses[start], poses[others])
-    return Edges(start, others, measured, information, np.full(others.size, PLACED, dtype=np.uint8))
-
-
-def _anchor_chain(key_poses: F64, anchors: I64, drives: I32) -> Edges:
-    """Consecutive anchors, with the uncertainty of all key scans between them."""
-    _, sigma_shift, sigma_turn = _chain_steps(key_poses)
-    measured = between(key_poses[anchors[:-1]], key_poses[anchors[1:]])
-    turn = np.sqrt(np.add.reduceat(sigma_turn**2, anchors[:-1]))
-    length = np.linalg.norm(measured[:, :2], axis=1)
-    shift = np.sqrt(np.add.reduceat(sigma_shift**2, anchors[:-1]) + (turn * length) ** 2 / 3.0)
-    return _chain(measured, _diagonal(shift, turn), drives[anchors])
-
-
-def _chain_steps(key_poses: F64) -> tuple[F64, F64, F64]:
-    """Steps between consecutive key scans, (n - 1, 3), and their standard deviations of shift and turn."""
-    measured = between(key_poses[:-1], key_poses[1:])
-    shift = np.linalg.norm(measured[:, :2], axis=1)
-    return measured, _CHAIN_SHIFT_M + 0.02 * shift, _CHAIN_TURN_RAD + 0.01 * np.abs(measured[:, 2])
-
-
-def _diagonal(sigma_shift: F64, sigma_turn: F64) -> F64:
-    """(m, 3, 3) information of independent shifts and turns."""
-    information = np.zeros((sigma_shift.size, 3, 3))
-    information[:, 0, 0] = information[:, 1, 1] = 1.0 / sigma_shift**2
-    information[:, 2, 2] = 1.0 / sigma_turn**2
-    return information
-
-
-def _loop_edges(loops: Sequence[Loop], nodes: I64) -> Edges:
-    """Loops as edges between the nodes that stand for their local maps."""
-    if not loops:
-        return no_edges()
-    information = np.array([loop.fit.information for loop in loops]) / _RESIDUAL_M**2
-    return Edges(
-        nodes[[loop.fixed for loop in loops]],
-        nodes[[loop.moved for loop in loops]],
-        np.array([loop.fit.pose for loop in loops]),
-        _capped(information, _LOOP_SHIFT_M, _LOOP_TURN_RAD),
-        np.full(len(loops), LOOP, dtype=np.uint8),
-    )
-
-
-def _capped(information: F64, shift_m: float, turn_rad: float) -> F64:
-    """(m, 3, 3) information whose covariance is that of the fit plus the given standard deviations."""
-    covariance = np.linalg.inv(information + 1e-3 * np.eye(3))
-    return np.asarray(np.linalg.inv(covariance + np.diag([shift_m**2, shift_m**2, turn_rad**2])))
-
-
 def _dense_edges(
     sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, poses: F64, maps: list[LocalMap], anchors: I64
 ) -> Edges:
@@ -351,7 +272,7 @@ def _dense_edges(
         first[good],
         second[good],
         fitted[good],
-        _capped(information[good] / _RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
+        capped(information[good] / RESIDUAL_M**2, _DENSE_SHIFT_M, _DENSE_TURN_RAD),
         np.full(int(good.sum()), DENSE, dtype=np.uint8),
     )
 

@@ -122,8 +122,8 @@ def _is_still(motion: F64) -> B1:
 
 
 def _steps_of_freeze(first: int, last: int, n_scans: int) -> tuple[int, ...]:
-    """Steps from one sweep to another, and the one after, which may catch up with all of it."""
-    return tuple(range(first + 1, min(last + 2, n_scans)))
+    """Steps from one sweep to another, and one on either side: partly still, or catching up with all of it."""
+    return tuple(range(max(first, 1), min(last + 2, n_scans)))
 
 
 def _dead_reckoned(motion: F64) -> F64:

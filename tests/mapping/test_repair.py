@@ -7,7 +7,8 @@ import pytest
 
 from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between, compose
-from dynmap_cli.mapping.back_end import _anchor_chain, _loop_edges, _scales, close_loops
+from dynmap_cli.mapping.back_end import close_loops
+from dynmap_cli.mapping.edges import anchor_chain, loop_edges, scales
 from dynmap_cli.mapping.front_end import Registered, sweeps_of
 from dynmap_cli.mapping.graph_files import EDGES_HEADER, LOOPS_HEADER, write_graph
 from dynmap_cli.mapping.local_maps import anchors_of, make_local_maps
@@ -47,11 +48,11 @@ def searched(ring):
     maps = make_local_maps(sweeps, rays, np.zeros_like(poses), np.arange(len(poses)), poses)
     anchors = anchors_of(maps)
     drives = np.zeros(len(poses), dtype=np.int32)
-    chain, numbers = _anchor_chain(poses, anchors, drives), np.arange(anchors.size)
+    chain, numbers = anchor_chain(poses, anchors, drives), np.arange(anchors.size)
 
     def solve(loops, start):
-        edges = join_edges(chain, _loop_edges(loops, numbers))
-        return optimise(start, edges, _scales(edges))[0]
+        edges = join_edges(chain, loop_edges(loops, numbers))
+        return optimise(start, edges, scales(edges))[0]
 
     return LoopSearch(maps, LoopParams(), drives[anchors]), poses[anchors], solve
 
