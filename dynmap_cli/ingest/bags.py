@@ -142,7 +142,7 @@ def message_decoders() -> dict[str, Callable[[bytes, str], Any]]:
 
 def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:
     """Count a message that is not what its type says."""
-    recording.dropped[f"message on {topic} that cannot be decoded"] += 1
+    recording.drop_broken(f"message on {topic} that cannot be decoded")
     _log.debug("%s: %s: %s", recording.name, topic, words_of(err))
 
 

@@ -48,7 +48,9 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
     recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
     if losses.why:
-        recording.warnings.append(losses.line(file_name(name), kind, counts.total(), span.seconds))
+        line = losses.line(file_name(name), kind, counts.total(), span.seconds)
+        recording.warnings.append(line)
+        recording.damage += losses.why
     return recording
 
 

@@ -37,6 +37,9 @@ class IngestSettings(BaseModel):
         le=1e9,
         description="Longest pause, s, after which a further recording still counts as the same drive.",
     )
+    strict: bool = Field(
+        False, description="Refuse recordings that are damaged, instead of using what is whole in them."
+    )
     max_unpacked_gib: float = Field(
         16.0,
         gt=0.0,
