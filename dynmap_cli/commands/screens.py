@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from dynmap_cli.commands.tables import table
+from dynmap_cli.ingest.kinds import USED_TYPES
 from dynmap_cli.ingest.raw import Topic
 from dynmap_cli.ingest.report import IngestReport, LaserReport
-from dynmap_cli.ingest.ros_messages import USED_TYPES
 from dynmap_cli.ingest.track_quality import TrackQuality
 
 _WIDTH, _LABEL_WIDTH = 110, 16

@@ -18,7 +18,7 @@ from dynmap_cli.export.text_logs import TextChoices, text_container
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source
-from dynmap_cli.ingest.ros_messages import LASER_TYPES
+from dynmap_cli.ingest.kinds import LASER_TYPES
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.stored import StoredMessage
 from dynmap_cli.ingest.wean import read_wean

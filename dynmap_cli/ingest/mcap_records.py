@@ -12,7 +12,8 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
+from enum import Enum
+from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +34,35 @@ _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 _BROKEN = "a record is broken"
+BROKEN_SUMMARY = "its summary fails its checksum"
+_FOOTER = struct.Struct("<BQQQI")
+_FOOTER_CONTENT_BYTES = 20
+
+
+class SummaryState(Enum):
+    """Whether the summary of a file can be believed."""
+
+    UNKNOWN = "there is none, or it has no checksum"
+    WHOLE = "it has the checksum it should have"
+    BROKEN = "it has another"
+
+
+def summary_state(path: Path) -> SummaryState:
+    """Compare the summary of a file with its checksum, which covers it and the footer up to the checksum."""
+    with path.open("rb") as stream:
+        size = stream.seek(0, SEEK_END)
+        footer_start = size - _MAGIC_BYTES - _FOOTER.size
+        if footer_start < _MAGIC_BYTES:
+            return SummaryState.UNKNOWN
+        stream.seek(footer_start)
+        op, length, summary_start, _, checksum = _FOOTER.unpack(stream.read(_FOOTER.size))
+        if (op, length) != (Opcode.FOOTER, _FOOTER_CONTENT_BYTES) or checksum == 0 or summary_start == 0:
+            return SummaryState.UNKNOWN
+        if summary_start > footer_start:
+            return SummaryState.BROKEN
+        stream.seek(summary_start)
+        covered = stream.read(size - _MAGIC_BYTES - _U32.size - summary_start)
+    return SummaryState.WHOLE if zlib.crc32(covered) == checksum else SummaryState.BROKEN
 
 
 class _Record(NamedTuple):
@@ -51,32 +81,32 @@ class _Names:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
 
-    def learn(self, record: _Record, view: memoryview) -> None:
-        """Note a schema or channel; one that is broken stays unknown."""
+    def learn(self, record: _Record, view: memoryview, *, is_checked: bool) -> None:
+        """Note a schema or channel; a broken one stays unknown, one under a checksum overrules one that is not."""
         if record.op not in {Opcode.SCHEMA, Opcode.CHANNEL}:
             return
         stream = ReadDataStream(BytesIO(view[record.start : record.end]))
         try:
             if record.op == Opcode.SCHEMA:
                 found = Schema.read(stream)
-                self.schemas.setdefault(found.id, found)
+                if is_checked or found.id not in self.schemas:
+                    self.schemas[found.id] = found
             else:
-                self._add(ChannelRecord.read(stream))
+                self._add(ChannelRecord.read(stream), is_checked=is_checked)
         except (*DAMAGE, McapError):
             return
 
-    def _add(self, record: ChannelRecord) -> None:
+    def _add(self, record: ChannelRecord, *, is_checked: bool) -> None:
+        if record.id in self.channels and not is_checked:
+            return
         schema = self.schemas.get(record.schema_id)
-        self.channels.setdefault(
-            record.id,
-            Channel(
-                printable(record.topic),
-                record.message_encoding,
-                printable(schema.name) if schema else "",
-                schema.encoding if schema else "",
-                schema.data if schema else b"",
-                tuple(record.metadata.items()),
-            ),
+        self.channels[record.id] = Channel(
+            printable(record.topic),
+            record.message_encoding,
+            printable(schema.name) if schema else "",
+            schema.encoding if schema else "",
+            schema.data if schema else b"",
+            tuple(record.metadata.items()),
         )
 
 
@@ -105,8 +135,16 @@ def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     losses.n_bytes += len(view)
     names = _Names()
+    summary = summary_state(path)
+    if summary is SummaryState.BROKEN:
+        losses.note(BROKEN_SUMMARY)
+    is_checked = False
     for record in _records(view, _MAGIC_BYTES, Losses()):
-        names.learn(record, view)
+        if record.op == Opcode.DATA_END:
+            if summary is SummaryState.BROKEN:
+                break
+            is_checked = summary is SummaryState.WHOLE
+        names.learn(record, view, is_checked=is_checked)
     is_closed = False
     for record in _records(view, _MAGIC_BYTES, losses):
         is_closed |= record.op in {Opcode.DATA_END, Opcode.FOOTER}
@@ -135,7 +173,7 @@ def _chunk(record: _Record, view: memoryview, names: _Names, losses: Losses) -> 
         return
     found = Losses()
     for inner_record in _records(inner, 0, found):
-        names.learn(inner_record, inner)
+        names.learn(inner_record, inner, is_checked=record.is_whole and checksum != 0)
         if inner_record.op == Opcode.MESSAGE and inner_record.is_whole:
             yield from _message(inner_record, inner, names, losses)
     if found.why:

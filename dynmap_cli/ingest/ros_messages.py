@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32
+from dynmap_cli.ingest.kinds import LASER_TYPES, ODOMETRY_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
@@ -19,11 +20,6 @@ from dynmap_cli.ingest.plausible import (
     printable,
 )
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
-
-LASER_TYPES = frozenset({"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"})
-ODOMETRY_TYPES = frozenset({"nav_msgs/msg/Odometry"})
-TRANSFORM_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
-USED_TYPES = LASER_TYPES | ODOMETRY_TYPES | TRANSFORM_TYPES
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 _LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
