@@ -124,7 +124,8 @@ def _advice(drive: IngestReport, settings: IngestSettings) -> list[Advice]:
         if quality.jumps:
             found.append(Advice(other, f"{drive.odometry} jumps {quality.jumps} times"))
         elif quality.frozen > _FROZEN_SHARE * quality.moving and quality.frozen > 1:
-            why = f"{drive.odometry} stands still in {quality.frozen / quality.moving:.0%} of the steps in which "
+            share = quality.frozen / quality.moving
+            why = f"{drive.odometry} stands still in {share:.0%} of the half seconds in which "
             found.append(
                 Advice(other, f"{why}the ranges change; worth a second try if the map comes out bent")
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from dataclasses import asdict
 from pathlib import Path
@@ -42,7 +43,7 @@ def command(recordings: tuple[Path, ...], salvage_path: Path | None, force: bool
 
         check_output(salvage_path, recordings, force=force)
     found = check_recordings(recordings, shared.config)
-    lines, summary = _lines(found, recordings), _summary(found)
+    lines, summary = _lines(found, recordings, shared), _summary(found)
     if salvage_path is not None:
         from dynmap_cli.export.salvaging import write_salvaged
 
@@ -64,7 +65,7 @@ def _summary(found: Check) -> dict[str, Any]:
     }
 
 
-def _lines(found: Check, recordings: tuple[Path, ...]) -> list[str]:
+def _lines(found: Check, recordings: tuple[Path, ...], shared: Shared) -> list[str]:
     """A screen for each drive, and the verdict on all."""
     from dynmap_cli.commands.screens import labelled, screen
 
@@ -76,12 +77,26 @@ def _lines(found: Check, recordings: tuple[Path, ...]) -> list[str]:
     if found.refusals:
         return [*lines, "build will not work"]
     names = " ".join(shlex.quote(str(path)) for path in recordings)
-    options = "".join(f" {option}" for option in dict.fromkeys(one.option for one in found.advice))
-    lines.append(f"build will work: dynmap build {names} -o RUN{options}")
+    options = [*_options(shared), *dict.fromkeys(one.option for one in found.advice)]
+    lines.append(" ".join([f"build will work: dynmap build {names} -o RUN", *options]))
     lines += labelled("for", (f"{one.option}: {one.why}" for one in found.advice))
     if len(found.drives) > 1:
         lines.append(f"  (whether the {len(found.drives)} drives fit on one map shows only when it is made)")
     return lines
+
+
+def _options(shared: Shared) -> list[str]:
+    """The settings that were given on the command line, for another one."""
+    values = shared.config.model_dump(mode="json")
+    options = []
+    for key, origin in sorted(shared.loaded.origins.items()):
+        if origin == "command line":
+            value = values
+            for name in key.split("."):
+                value = value[name]
+            text = value if isinstance(value, str) else json.dumps(value)
+            options.append(f"--set {shlex.quote(f'{key}={text}')}")
+    return options
 
 
 def _refused(refusal: Refusal) -> list[str]:
@@ -91,4 +106,4 @@ def _refused(refusal: Refusal) -> list[str]:
     lines = []
     for name, kind, topics in refusal.topics:
         lines += [f"{name}: {kind}", *topic_lines(topics)]
-    return [*(lines or [", ".join(refusal.names)]), *labelled("cannot be used", [refusal.why])]
+    return [*(lines or [", ".join(refusal.names)]), *labelled("refused", [refusal.why])]

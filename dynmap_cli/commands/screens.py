@@ -45,7 +45,7 @@ def screen(report: IngestReport) -> list[str]:
         *labelled("transforms", _transforms(report)),
         *labelled("odometry", _odometry(report)),
         *labelled("left out", (f"{count} x {reason}" for reason, count in sorted(report.dropped.items()))),
-        *labelled("other topics", _others(topics)),
+        *labelled("other topics", _others(topics, {laser.name for laser in report.lasers})),
         *labelled("warning", report.warnings),
     ]
 
@@ -147,23 +147,23 @@ def _odometry(report: IngestReport) -> list[str]:
 
 def _quality(quality: TrackQuality) -> str:
     """What speaks for and against an odometry."""
-    still = f"moves whenever the ranges do ({quality.moving} times)"
+    still = f"moves in all {quality.moving} half seconds in which the ranges change"
     if quality.moving == 0:
         still = "untested, as the ranges hardly ever change"
     elif quality.frozen:
-        still = f"stands still in {quality.frozen} of {quality.moving} steps in which the ranges change"
+        still = f"stands still in {quality.frozen} of the {quality.moving} half seconds in which the ranges change"
     return (
         f"covers {quality.covered:.1%} of the scans; turns {math.degrees(quality.turned_rad):.0f} deg in all, fastest "
         f"{quality.fastest_mps:.2f} m/s; {still}"
     )
 
 
-def _others(topics: Iterable[Topic]) -> list[str]:
+def _others(topics: Iterable[Topic], lasers: set[str]) -> list[str]:
     """What is not read at all."""
     others = [
         f"{one.name} ({one.kind.rpartition('/')[2]})"
         for one in topics
-        if one.kind not in {*USED_TYPES, "line"}
+        if one.kind not in {*USED_TYPES, "line"} and one.name not in lasers
     ]
     more = f" and {len(others) - _MOST_OTHERS} more" if len(others) > _MOST_OTHERS else ""
     return [", ".join(others[:_MOST_OTHERS]) + more] if others else []

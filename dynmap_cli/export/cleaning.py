@@ -18,11 +18,12 @@ from dynmap_cli.export.text_logs import TextChoices, text_container
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source
-from dynmap_cli.ingest.kinds import LASER_TYPES
+from dynmap_cli.ingest.kinds import CLOUD_TYPES, FOXGLOVE_TYPES, LASER_TYPES
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.stored import StoredMessage
 from dynmap_cli.ingest.wean import read_wean
 
+_FOREIGN_TYPES = {*CLOUD_TYPES, *(name for name in FOXGLOVE_TYPES if name.endswith("LaserScan"))}
 _ENCODINGS = ("cdr", "ros1")
 _TEXT_READERS = {"carmen": read_carmen, "wean": read_wean}
 
@@ -43,6 +44,8 @@ class Cleaned:
         Copied byte for byte.
     losses : list of str
         What was lost of recordings that are damaged, one sentence each.
+    foreign_scans : set of str
+        Topics of scans and clouds of types that are not rewritten.
     """
 
     scans: Counter[str] = field(default_factory=Counter)
@@ -51,6 +54,7 @@ class Cleaned:
     other_scans: Counter[str] = field(default_factory=Counter)
     other_messages: int = 0
     losses: list[str] = field(default_factory=list)
+    foreign_scans: set[str] = field(default_factory=set)
 
 
 def write_clean(
@@ -112,15 +116,24 @@ def _write(
                 _take(stored, writer, labels, done, is_label=is_label)
             missing = int((~labels.was_found).sum())
             if missing == labels.was_found.size or (missing and not refused):
-                names = ", ".join(source.name for source in sources)
-                msg = (
-                    f"{names}: {missing} of the {labels.was_found.size} scans of the run are not "
-                    "in it. Pass the recordings that the run was made from, or leave out --run."
-                )
-                raise ArtifactError(msg)
+                raise _not_found(sources, missing, labels, done)
             writer.finish()
     done.losses = [one.damage.line() for one in containers if one.damage]
     return done
+
+
+def _not_found(sources: Sequence[Source], missing: int, labels: BeamLabels, done: Cleaned) -> ArtifactError:
+    """One line for scans of the run that are not in the recordings."""
+    names, total = ", ".join(source.name for source in sources), labels.was_found.size
+    if missing == total and done.foreign_scans:
+        topics = ", ".join(sorted(done.foreign_scans))
+        return ArtifactError(
+            f"{names}: only LaserScan and MultiEchoLaserScan of ROS are rewritten, not {topics}"
+        )
+    return ArtifactError(
+        f"{names}: {missing} of the {total} scans of the run are not in it. Pass the recordings that the run was made "
+        "from, or leave out --run."
+    )
 
 
 def _opened(
@@ -139,6 +152,8 @@ def _take(
     channel = stored.channel
     if channel.message_encoding not in _ENCODINGS or channel.message_type not in LASER_TYPES:
         done.other_messages += 1
+        if channel.message_type in _FOREIGN_TYPES:
+            done.foreign_scans.add(channel.topic)
         writer.add(stored)
         return
     try:

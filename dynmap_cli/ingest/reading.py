@@ -17,6 +17,7 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
 from dynmap_cli.ingest.carmen import read_carmen
+from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
@@ -144,7 +145,7 @@ def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[Raw
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
         sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        recordings = [_load(source) for source in sources]
+        recordings = [_load(source, settings) for source in sources]
     for recording in recordings:
         if settings.strict and recording.damage:
             raise _refused(recording)
@@ -159,7 +160,7 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
             found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
             msg = (
                 f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{_lost(recording)}. "
-                "Record sensor_msgs/LaserScan, or pass another recording."
+                "Record sensor_msgs/LaserScan or PointCloud2, or pass another recording."
             )
             raise LogError(msg)
 
@@ -178,7 +179,7 @@ def _lost(recording: RawRecording) -> str:
     return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
-def _load(source: Source) -> RawRecording:
+def _load(source: Source, settings: IngestSettings) -> RawRecording:
     """Read one recording with the reader of its format."""
     _log.debug("%s: %s", source.name, source.kind)
     if source.kind == "carmen":
@@ -187,9 +188,13 @@ def _load(source: Source) -> RawRecording:
         return read_wean(source.path, source.name)
     kind = _BAG_NAMES[source.kind]
     try:
-        return read_bag(source.path, source.name, kind)
+        recording = read_bag(source.path, source.name, kind)
     except UnreadableBagError as err:
-        return read_salvaged(source.path, source.name, kind, err)
+        recording = read_salvaged(source.path, source.name, kind, err)
+    clouds = wanted_clouds(recording, settings)
+    if clouds:
+        add_clouds(recording, source.path, clouds, settings)
+    return recording
 
 
 def _chosen_lasers(

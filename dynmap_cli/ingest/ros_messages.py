@@ -58,7 +58,7 @@ def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
         elif message.msgtype in TRANSFORM_TYPES:
             _take_transforms(recording, message)
     _clean_transforms(recording)
-    _mend_stamps(recording)
+    mend_stamps(recording)
 
 
 def plain_frame(frame: str) -> str:
@@ -66,7 +66,7 @@ def plain_frame(frame: str) -> str:
     return printable(frame).strip().lstrip("/")
 
 
-def _stamp_ns(header: Any) -> int:
+def stamp_of(header: Any) -> int:
     """Nanoseconds of a header."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
@@ -75,7 +75,7 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     """Keep a sweep."""
     scan = message.content
     ranges_m = _ranges_of(scan)
-    stamp_ns = _stamp_ns(scan.header)
+    stamp_ns = stamp_of(scan.header)
     shape = shape_of(scan, ranges_m.size) if ranges_m.size else None
     fault = ""
     if ranges_m.size == 0:
@@ -135,7 +135,7 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
     pose = odometry.pose.pose
     yaw_rad = yaw_of(pose.orientation)
     values = (float(pose.position.x), float(pose.position.y), yaw_rad)
-    stamp_ns = _stamp_ns(odometry.header)
+    stamp_ns = stamp_of(odometry.header)
     if not (are_coordinates(values) and is_stamp(stamp_ns)):
         recording.dropped[f"odometry on {message.topic} that is no pose or has no possible time"] += 1
         return
@@ -190,7 +190,7 @@ def _clean_transforms(recording: RawRecording) -> None:
         kept.values += [value for value, good in zip(raw.values, is_pose, strict=True) if good]
 
 
-def _mend_stamps(recording: RawRecording) -> None:
+def mend_stamps(recording: RawRecording) -> None:
     """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
     for laser in recording.lasers.values():
         unstamped = laser.stamps_ns.count(0)

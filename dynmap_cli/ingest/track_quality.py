@@ -11,7 +11,7 @@ from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 
 _SAME_POSE = 1e-9
-_MOVED_M = 0.05
+_MOVED_M, _SPAN_S = 0.05, 0.5
 _JUMP_M, _JUMP_M_PER_S = 1.0, 20.0
 _SCANS_PER_CHUNK = 1024
 _FAST_QUANTILE, _LEAST_STEP_S = 0.99, 1e-3
@@ -30,7 +30,7 @@ class TrackQuality:
     fastest_mps : float
         Speed between scans which one step in a hundred exceeds.
     moving, frozen : int
-        Steps from scan to scan over which the ranges change by more than 5 cm in the median, as when the robot moves;
+        Spans of half a second over which the ranges change by more than 5 cm in the median, as when the robot moves;
         and those of them over which the pose stays exactly the same.
     jumps : int
         Steps that are longer than anything drives.
@@ -56,14 +56,13 @@ def quality_of(log: ScanLog) -> TrackQuality | None:
     # Stamps that are wrong make steps short, and speeds infinite.
     seconds = np.maximum(seconds, max(float(np.median(seconds)), _LEAST_STEP_S))
     speeds_mps = np.hypot(steps[:, 0], steps[:, 1]) / seconds
-    moves = _ranges_move(log, known)
-    stands = (np.abs(steps) < _SAME_POSE).all(axis=1)
+    moving, frozen = _moving_and_frozen(log, known)
     return TrackQuality(
         covered=round(known.size / log.n_scans, 5),
         turned_rad=round(float(np.abs(wrap_angle(steps[:, 2])).sum()), 3),
         fastest_mps=round(float(np.quantile(speeds_mps, _FAST_QUANTILE)), 3),
-        moving=int(np.count_nonzero(moves)),
-        frozen=int(np.count_nonzero(moves & stands)),
+        moving=moving,
+        frozen=frozen,
         jumps=jumps_m(log.stamps_ns[known], poses).size,
     )
 
@@ -75,8 +74,21 @@ def jumps_m(stamps_ns: I64, poses: F64) -> F64:
     return np.asarray(steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s])
 
 
+def _moving_and_frozen(log: ScanLog, known: I64) -> tuple[int, int]:
+    """Count spans in which the ranges change, and those of them in which the pose does not; of the usual geometry."""
+    usual = np.argmax(np.bincount(log.geometry_index[known]))
+    rows = known[log.geometry_index[known] == usual]
+    seconds = np.abs(np.diff(log.stamps_ns[rows])) * 1e-9
+    period_s = max(float(np.median(seconds)), _LEAST_STEP_S) if seconds.size else _SPAN_S
+    rows = rows[:: max(1, round(_SPAN_S / period_s))]
+    moves = _ranges_move(log, rows)
+    poses = np.asarray(log.odometry[rows], dtype=np.float64)
+    stands = (np.abs(between(poses[:-1], poses[1:])) < _SAME_POSE).all(axis=1)
+    return int(np.count_nonzero(moves)), int(np.count_nonzero(moves & stands))
+
+
 def _ranges_move(log: ScanLog, rows: I64) -> B1:
-    """(n - 1,) whether the median beam changes by over 5 cm from one of the rows (n,) to the next, of one geometry."""
+    """(n - 1,) whether the median beam changes by over 5 cm from one of the rows (n,) to the next."""
     result = np.zeros(rows.size - 1, dtype=bool)
     for start in range(0, result.size, _SCANS_PER_CHUNK):
         part = rows[start : start + _SCANS_PER_CHUNK + 1]
@@ -87,4 +99,4 @@ def _ranges_move(log: ScanLog, rows: I64) -> B1:
         # The median is above the bound where more than half of the beams with both ranges are.
         above = np.count_nonzero(change_m > _MOVED_M, axis=1)
         result[start : start + part.size - 1] = 2 * above > np.count_nonzero(is_known, axis=1)
-    return np.asarray(result & (np.diff(log.geometry_index[rows]) == 0))
+    return result

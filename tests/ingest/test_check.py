@@ -116,6 +116,8 @@ def test_a_laser_whose_place_is_not_known_asks_for_it(tmp_path):
     assert result.exit_code == 0
     assert "-o RUN --laser-pose X,Y,YAW" in result.stdout
     assert found(path, "--laser-pose", "0,0,0")[0]["advice"] == []
+    again = check(path, "--laser-pose", "0,0,0").stdout.splitlines()[-1]
+    assert again.endswith("-o RUN --set 'ingest.laser_pose=[0.0, 0.0, 0.0]'")
 
 
 def test_odometry_that_jumps_asks_for_another(tmp_path):
@@ -135,9 +137,9 @@ def test_odometry_that_jumps_asks_for_another(tmp_path):
 
 
 def test_odometry_that_stands_still_while_the_ranges_change_is_counted(tmp_path):
-    summary, _ = found(write_bag1(tmp_path / "a.bag", World(n_scans=20, step_m=0.0)))
+    summary, _ = found(write_bag1(tmp_path / "a.bag", World(n_scans=21, step_m=0.0)))
     quality = summary["drives"][0]["odometry_quality"]
-    assert quality["frozen"] == quality["moving"] == 19
+    assert quality["frozen"] == quality["moving"] == 4
 
 
 def laser(stamps_ns):
