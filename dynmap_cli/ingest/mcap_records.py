@@ -10,6 +10,7 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
@@ -37,6 +38,8 @@ _BROKEN = "a record is broken"
 BROKEN_SUMMARY = "its summary fails its checksum"
 _FOOTER = struct.Struct("<BQQQI")
 _FOOTER_CONTENT_BYTES = 20
+_CHUNK_INDEX = struct.Struct("<QQQ")
+_DATA_END_BYTES = 13
 
 
 class SummaryState(Enum):
@@ -115,7 +118,7 @@ def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...
     with path.open("rb") as stream:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     attachments, metadata = [], []
-    for record in _records(view, _MAGIC_BYTES, Losses()):
+    for record in _records(view, _MAGIC_BYTES, Losses(), _known_places(view, summary_state(path))):
         if not record.is_whole or record.op not in {Opcode.ATTACHMENT, Opcode.METADATA}:
             continue
         content = bytes(view[record.start : record.end])
@@ -130,7 +133,10 @@ def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...
 
 
 def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
-    """Yield what can be read: without chunks that fail their checksum, up to the first record that is broken."""
+    """Yield what can be read: without chunks that fail their checksum, and up to the first record that is broken.
+
+    Behind that one reading goes on with the next chunk, where there is a summary that can be believed.
+    """
     with path.open("rb") as stream:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     losses.n_bytes += len(view)
@@ -138,15 +144,16 @@ def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     summary = summary_state(path)
     if summary is SummaryState.BROKEN:
         losses.note(BROKEN_SUMMARY)
+    places = _known_places(view, summary)
     is_checked = False
-    for record in _records(view, _MAGIC_BYTES, Losses()):
+    for record in _records(view, _MAGIC_BYTES, Losses(), places):
         if record.op == Opcode.DATA_END:
             if summary is SummaryState.BROKEN:
                 break
             is_checked = summary is SummaryState.WHOLE
         names.learn(record, view, is_checked=is_checked)
     is_closed = False
-    for record in _records(view, _MAGIC_BYTES, losses):
+    for record in _records(view, _MAGIC_BYTES, losses, places):
         is_closed |= record.op in {Opcode.DATA_END, Opcode.FOOTER}
         if record.op == Opcode.CHUNK:
             yield from _chunk(record, view, names, losses)
@@ -194,8 +201,25 @@ def _message(record: _Record, view: memoryview, names: _Names, losses: Losses) -
     yield StoredMessage(logged_ns, published_ns, sequence, names.channels[number], data)
 
 
-def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Record]:
-    """The records of a file or chunk up to its end; one that is cut off comes as far as it goes."""
+def _known_places(view: memoryview, summary: SummaryState) -> tuple[int, ...]:
+    """Where chunks, and at last the end of the data, begin, by a summary that can be believed; ascending."""
+    if summary is not SummaryState.WHOLE:
+        return ()
+    _, _, summary_start, *_ = _FOOTER.unpack_from(view, len(view) - _MAGIC_BYTES - _FOOTER.size)
+    found = {summary_start - _DATA_END_BYTES}
+    for record in _records(view, summary_start, Losses()):
+        if record.op == Opcode.CHUNK_INDEX and record.end - record.start >= _CHUNK_INDEX.size:
+            found.add(_CHUNK_INDEX.unpack_from(view, record.start)[2])
+    return tuple(sorted(place for place in found if _MAGIC_BYTES <= place < summary_start))
+
+
+def _records(
+    view: memoryview, position: int, losses: Losses, places: tuple[int, ...] = ()
+) -> Iterator[_Record]:
+    """The records of a file or chunk up to its end; one that is cut off comes as far as it goes.
+
+    No record reaches over one of the *places*: reading goes on there behind one that is broken.
+    """
     while position < len(view):
         if bytes(view[position : position + _MAGIC_BYTES]) == _MAGIC:
             return
@@ -204,6 +228,16 @@ def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Recor
             return
         op, size = _FRAME.unpack_from(view, position)
         start = position + _FRAME.size
+        number = bisect_right(places, position)
+        limit = places[number] if number < len(places) else None
+        if limit is not None and (op == 0 or start + size > limit):
+            # A chunk says once more, inside, how long it is.
+            is_chunk = op == Opcode.CHUNK and position in places
+            losses.note(_BROKEN, n_bytes=0 if is_chunk else limit - position)
+            if is_chunk:
+                yield _Record(op, start, limit, True)
+            position = limit
+            continue
         if op == 0:
             losses.note(_BROKEN, n_bytes=len(view) - position)
             return

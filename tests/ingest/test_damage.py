@@ -206,6 +206,22 @@ def test_wrong_bytes_never_break_anything(written, container, part, tmp_path):
         assert recovered(found) >= sum(end <= at for end in ends) - 1, at
 
 
+@pytest.mark.parametrize("container", ["mcap blank", "foxglove protobuf"])
+@pytest.mark.parametrize("byte", [0, 1, 4])
+def test_behind_a_broken_record_the_next_chunk_is_found_by_the_index(written, container, byte, tmp_path):
+    name, data = written[container]
+    at = 8
+    for _ in range(6):
+        while data[at] != CHUNK:
+            at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        place, at = at, at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    wrong = b"\0" if byte == 0 else b"\x80"
+    log, report = read(tmp_path, name, data[: place + byte] + wrong + data[place + byte + 1 :])
+    assert log.n_scans > 50
+    assert log.stamps_ns[-1] == WORLD.stamps_ns[-1]
+    assert "cut off or damaged" in report.warnings[0]
+
+
 def test_a_summary_with_a_wrong_byte_is_not_believed(written, tmp_path):
     name, data = written["mcap ros2"]
     (tmp_path / name).write_bytes(data)
