@@ -36,7 +36,7 @@ def command(recordings: tuple[Path, ...], salvage_path: Path | None, force: bool
     code 0 = `build` will work, 4 = it will not.
     """
     from dynmap_cli.checking import check_recordings
-    from dynmap_cli.errors import LogError
+    from dynmap_cli.errors import DynmapError, LogError
 
     if salvage_path is not None:
         from dynmap_cli.export.stage import check_output
@@ -44,13 +44,21 @@ def command(recordings: tuple[Path, ...], salvage_path: Path | None, force: bool
         check_output(salvage_path, recordings, force=force)
     found = check_recordings(recordings, shared.config)
     lines, summary = _lines(found, recordings, shared), _summary(found)
+    failure = None
     if salvage_path is not None:
         from dynmap_cli.export.salvaging import write_salvaged
 
-        salvaged = write_salvaged(recordings, salvage_path, shared.config.ingest)
-        lines += ["", *salvaged.lines()]
-        summary["salvaged"] = salvaged.summary()
+        as_far_as_whole = shared.config.ingest.model_copy(update={"strict": False})
+        try:
+            salvaged = write_salvaged(recordings, salvage_path, as_far_as_whole)
+        except DynmapError as err:
+            failure = err
+        else:
+            lines += ["", *salvaged.lines()]
+            summary["salvaged"] = salvaged.summary()
     print_summary(summary, lines, as_json=shared.as_json)
+    if failure is not None:
+        raise failure
     if found.refusals:
         raise LogError("; ".join(refusal.why for refusal in found.refusals))
 

@@ -129,7 +129,11 @@ def _transforms(report: IngestReport) -> list[str]:
     missing = [f"{base} -> {laser.frame or 'a laser without a frame'} (of {laser.name})" for laser in lost]
     if missing:
         return [f"missing: {', '.join(missing)}; frames here: {', '.join(report.frames[:_MOST_OTHERS])}"]
-    return [f"complete from {base} to each laser ({len(report.frames)} frames)"]
+    complete = f"complete from {base} to each laser ({len(report.frames)} frames)"
+    sources = (report.odometry, *report.odometry_rejected)
+    if report.odometry_why != "as set" and not any(source.startswith("tf ") for source in sources):
+        return [f"{complete}, but no odometry frame above {base}"]
+    return [complete]
 
 
 def _odometry(report: IngestReport) -> list[str]:

@@ -15,7 +15,7 @@ from dynmap_cli.cli import main
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.scans import single_laser_log
-from dynmap_cli.errors import ArtifactError
+from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.export.cleaning import write_clean
 from dynmap_cli.export.labels import BeamLabels, hits_known_state
 from dynmap_cli.export.text_logs import TextChoices
@@ -327,4 +327,21 @@ def test_scans_of_foxglove_are_refused_with_the_reason(tmp_path):
             text=text,
             is_label=False,
             settings=IngestSettings(),
+        )
+
+
+def test_strict_refuses_to_clean_what_is_damaged(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", World(), "")
+    log, _ = read_recordings([path], IngestSettings())
+    path.write_bytes(path.read_bytes()[:-100])
+    share = np.ones(log.ranges_m.shape, dtype=np.float32)
+    labels = BeamLabels(log, share, share < 0.5)
+    with pytest.raises(LogError, match=r"cut off or damaged .* --strict"):
+        write_clean(
+            [path],
+            tmp_path / "out.mcap",
+            labels,
+            text=TextChoices("", 8.0),
+            is_label=False,
+            settings=IngestSettings(strict=True),
         )

@@ -12,7 +12,7 @@ from dynmap_cli.ingest.raw import RawLaser, ScanShape
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.timing import timing_of
-from tests.ingest.written import START_NS, World, lone_file, write_bag1, write_bag2, write_mcap
+from tests.ingest.written import START_NS, TF, World, lone_file, transform, write_bag1, write_bag2, write_mcap
 
 LONG = World(n_scans=60, n_beams=40, step_rad=0.05)
 
@@ -120,6 +120,14 @@ def test_a_laser_whose_place_is_not_known_asks_for_it(tmp_path):
     assert again.endswith("-o RUN --set 'ingest.laser_pose=[0.0, 0.0, 0.0]'")
 
 
+def test_a_tree_without_odometry_frame_is_said(tmp_path):
+    lone = World(with_tf=False)
+    mounting = transform("base_link", "laser", 0, lone.mounting)
+    lone.extra = [("/tf_static", TF, START_NS - 1, {"transforms": [mounting]})]
+    text = words_of(check(write_bag1(tmp_path / "a.bag", lone)).stdout)
+    assert "complete from base_link to each laser (2 frames), but no odometry frame above base_link" in text
+
+
 def test_odometry_that_jumps_asks_for_another(tmp_path):
     def world():
         class Jumping(World):
@@ -218,6 +226,8 @@ def test_what_is_salvaged_reads_back_as_what_was_read(container, tmp_path):
         statistics = make_reader(stream, validate_crcs=True).get_summary().statistics
     assert statistics.message_count == sum(summary["salvaged"]["messages"].values())
     assert check(path, "--salvage", out).exit_code == 5
+    assert check(path, "--salvage", tmp_path / "again.mcap", "--strict").exit_code == 4
+    assert (tmp_path / "again.mcap").read_bytes() == out.read_bytes()
     assert check(path, "--salvage", out, "--force").exit_code == 0
 
 
@@ -229,4 +239,5 @@ def test_salvage_says_what_it_cannot_do(tmp_path):
     result = check(text, "--salvage", tmp_path / "text.mcap")
     assert result.exit_code == 5
     assert "no messages to salvage" in result.stderr
+    assert "build will work" in result.stdout
     assert not (tmp_path / "text.mcap").exists()

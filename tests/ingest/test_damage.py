@@ -126,7 +126,7 @@ def test_of_a_file_that_is_cut_anywhere_all_scans_before_are_recovered(written, 
     ends = scan_ends(container, data)
     assert len(ends) == 60
     rng = random.Random(container)
-    for cut in sorted(rng.randrange(len(data)) for _ in range(12)):
+    for cut in sorted(rng.randrange(len(data)) for _ in range(10)):
         expected = sum(end <= cut for end in ends)
         assert recovered(read(tmp_path, name, data[:cut])) >= expected, cut
 
