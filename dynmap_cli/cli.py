@@ -16,6 +16,7 @@ VERBS = (
     "check",
     "build",
     "update",
+    "edit",
     "ingest",
     "map",
     "segment",

@@ -18,7 +18,7 @@ from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError, DynmapError, LogError
-from dynmap_cli.files import known
+from dynmap_cli.files import edits, known
 from dynmap_cli.files.atomic import replacing, scratch_folder
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.manifest import (
@@ -100,13 +100,26 @@ def build(
     results = []
     with writing(run_dir):
         if force:
-            known.forget(run_dir)
+            _forget_others(run_dir, recordings)
         else:
             keep_recordings(run_dir, recordings)
         for number, stage in enumerate(STAGES):
             results.append(run_stage(stage, context, force=number >= forced))
             _note_run(results[-1], run_dir, config)
     return results
+
+
+def _forget_others(run_dir: Path, recordings: Sequence[Path]) -> None:
+    """Forget numbers of before; corrections by hand, and the numbers they need, only if of other recordings."""
+    if (run_dir / edits.NAME).is_file():
+        done = read_manifest_or_none(run_dir / INGEST.folder, INGEST.name)
+        if done and sorted(done.inputs.values()) == sorted(digests_of(recordings, LogError).values()):
+            return
+        aside = (run_dir / edits.NAME).replace(run_dir / f"{edits.NAME}.old")
+        _log.warning(
+            "warning: the corrections by hand were made for other recordings, they are now in %s", aside
+        )
+    known.forget(run_dir)
 
 
 def run_one(
@@ -239,6 +252,8 @@ def _inputs_of(stage: Stage, context: StageContext) -> dict[str, str]:
             inputs.update(_outputs_of(context.run_dir / earlier.folder, earlier))
     if f"{known.FOLDER}/" in stage.reads:
         inputs.update(known.known_digests(context.run_dir))
+    if edits.NAME in stage.reads:
+        inputs.update(edits.edit_digests(context.run_dir))
     return inputs
 
 

@@ -6,11 +6,13 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from shutil import copyfile
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config, load_config
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.files.atomic import scratch_folder
+from dynmap_cli.files.edits import NAME as EDITS
 from dynmap_cli.files.known import FOLDER, forget, remember
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import Manifest, read_manifest
@@ -54,7 +56,7 @@ def update(run_dir: Path, recordings: Sequence[Path], *, threads: int) -> list[S
         msg = f"{run_dir}: no such run directory. Run `dynmap build LOG -o {run_dir}` first."
         raise ArtifactError(msg)
     with writing(run_dir):
-        config = _settings_of(run_dir)
+        config = settings_of(run_dir)
         new = _not_there(run_dir, recordings)
         if not new:
             # What an interrupted update left undone is done now.
@@ -71,6 +73,8 @@ def _made_beside(run_dir: Path, new: Sequence[Path], config: Config, threads: in
     """Run all stages in a scratch run, then put their files in the place of those of the run."""
     with scratch_folder(run_dir / "update") as beside:
         remember(run_dir, beside)
+        if (run_dir / EDITS).is_file():
+            copyfile(run_dir / EDITS, beside / EDITS)
         context = replace(
             context_of(beside, config, threads, tuple(new)), earlier_scans=run_dir / INGEST.folder
         )
@@ -85,7 +89,7 @@ def _made_beside(run_dir: Path, new: Sequence[Path], config: Config, threads: in
         ]
 
 
-def _settings_of(run_dir: Path) -> Config:
+def settings_of(run_dir: Path) -> Config:
     """The settings that the stages of a run were run with."""
     words = {}
     for stage in STAGES:

@@ -184,11 +184,14 @@ class Vectors:
     component : (n_cells,) int64
         Which group of touching cells each cell belongs to, from 0.
     n_components : int
+    cells : (rows, cols) bool
+        Where these cells lie in the sub-map.
     """
 
     values: F64
     component: I64
     n_components: int
+    cells: B1
 
 
 def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -> Vectors:
@@ -219,4 +222,4 @@ def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -
     _, component = np.unique(labels[cells], return_inverse=True)
     states = maps.states[:, cells]
     values = np.where(states == UNKNOWN, np.nan, states.astype(np.float64))
-    return Vectors(values, component.astype(np.int64), int(kept[1:].sum()))
+    return Vectors(values, component.astype(np.int64), int(kept[1:].sum()), cells)

@@ -37,10 +37,13 @@ class Model:
     clusters : Clusters
     bic : tuple of float
         BIC of the models with 1, 2, ... clusters that were tried.
+    rounds : tuple of (k, n_cells) float64
+        Means of the clusters of each of these models.
     """
 
     clusters: Clusters
     bic: tuple[float, ...]
+    rounds: tuple[F64, ...]
 
 
 def cluster_log_likelihoods(vectors: Vectors, centers: F64) -> F64:
@@ -75,16 +78,17 @@ def choose_clusters(vectors: Vectors, max_states: int, min_cells: int) -> Model:
         Clusters that differ in fewer cells of every group are the same state.
     """
     clusters = fuzzy_kmeans(vectors.values, _mean(vectors.values))
-    best, scores = clusters, [bic(vectors, clusters)]
+    best, scores, rounds = clusters, [bic(vectors, clusters)], [clusters.centers]
     while len(scores) < min(max_states, vectors.values.shape[0]):
         worst = int(mixture_log_likelihoods(vectors, clusters).argmin())
         clusters = fuzzy_kmeans(vectors.values, np.vstack([clusters.centers, vectors.values[worst]]))
         scores.append(bic(vectors, clusters))
+        rounds.append(clusters.centers)
         if scores[-1] > max(scores[:-1]):
             best = clusters
         if len(scores) - int(np.argmax(scores)) > _PATIENCE:
             break
-    return Model(merge_equal(vectors, best, min_cells), tuple(scores))
+    return Model(merge_equal(vectors, best, min_cells), tuple(scores), tuple(rounds))
 
 
 def _mean(values: F64) -> F64:

@@ -13,7 +13,7 @@ from dynmap_cli.arrays import B1, I8
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
 from dynmap_cli.domain.patches import PatchSet, Visit
 
-_LEAST_AGREEMENT = 0.75
+_LEAST_AGREEMENT, _TIE_BREAK = 0.75, 1e-3
 Cells = TypeVar("Cells", B1, I8)
 
 
@@ -23,7 +23,7 @@ def keep_numbers(
     """Give each patch the number of the known patch of its sub-map that shows the same, and new numbers to the others.
 
     Pairs are chosen for the largest sum of agreements, each the share of the varying cells that both know which are
-    occupied in both or free in both.
+    occupied in both or free in both; of pairs that agree as much those are chosen that know the same cells.
 
     Parameters
     ----------
@@ -60,7 +60,10 @@ def _numbers_of(patch_set: PatchSet, known: PatchSet | None) -> dict[int, int]:
         [[_agreement(patch.cells, cells, varying) for cells in before] for patch in patch_set.patches]
     )
     given: dict[int, int] = {}
-    for row, col in zip(*linear_sum_assignment(-agreement), strict=True):
+    in_common = np.array(
+        [[_known_in_common(patch.cells, cells) for cells in before] for patch in patch_set.patches]
+    )
+    for row, col in zip(*linear_sum_assignment(-(agreement + _TIE_BREAK * in_common)), strict=True):
         if agreement[row, col] >= _LEAST_AGREEMENT:
             given[patch_set.patches[int(row)].patch_id] = known.patches[int(col)].patch_id
     new = max(patch.patch_id for patch in known.patches) + 1
@@ -76,6 +79,12 @@ def _agreement(cells: I8, other: I8, varying: B1) -> float:
         return 1.0
     both = varying & (cells != UNKNOWN) & (other != UNKNOWN)
     return float((cells == other)[both].mean()) if both.any() else 0.0
+
+
+def _known_in_common(cells: I8, other: I8) -> float:
+    """Share of the cells that any of both knows which both know."""
+    one, two = cells != UNKNOWN, other != UNKNOWN
+    return float((one & two).sum() / max((one | two).sum(), 1))
 
 
 def _brought_over(cells: Cells, frame: GridFrame, to: GridFrame, *, fill: int) -> Cells:

@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F64
+from dynmap_cli.clustering.corrections import apply_corrections
 from dynmap_cli.clustering.numbering import keep_numbers
 from dynmap_cli.clustering.sequences import SequenceParams
 from dynmap_cli.clustering.settings import ClusteringSettings
 from dynmap_cli.clustering.states import StateParams, describe, learn_states
 from dynmap_cli.counting.em import FilterParams
 from dynmap_cli.counting.evidence import EvidenceParams
+from dynmap_cli.domain.corrections import Merge
 from dynmap_cli.domain.patches import PatchSet, Visit
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.files.known import read_known_patches
+from dynmap_cli.files.edits import NAME as EDITS
+from dynmap_cli.files.edits import read_edits
+from dynmap_cli.files.known import FOUND_PATCHES, read_known_patches
 from dynmap_cli.files.patch_archive import write_patches
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
@@ -96,6 +100,11 @@ def run(context: StageContext) -> dict[str, Any]:
             on_submap=tick,
         )
     patch_sets, visits = keep_numbers(patch_sets, visits, read_known_patches(context.run_dir))
+    corrections = read_edits(context.run_dir)
+    lines: list[str] = []
+    if any(isinstance(one, Merge) for one in corrections):
+        write_patches(context.out_dir / FOUND_PATCHES, submaps, patch_sets, visits)
+        patch_sets, visits, lines = apply_corrections(patch_sets, visits, submaps, corrections)
     write_patches(context.out_dir / "patches.zip", submaps, patch_sets, visits)
     return {
         "submaps": len(submaps),
@@ -103,7 +112,10 @@ def run(context: StageContext) -> dict[str, Any]:
         "patches": sum(len(patch_set.patches) for patch_set in patch_sets),
         "visits": len(visits),
         "visits_assigned": sum(visit.patch is not None for visit in visits),
-        "lines": describe(patch_sets, visits) or ["no states to learn: there is no sub-map"],
+        "lines": [
+            *(describe(patch_sets, visits) or ["no states to learn: there is no sub-map"]),
+            *lines,
+        ],
     }
 
 
@@ -112,7 +124,7 @@ STAGE = Stage(
     title="learning the states of each area",
     section="clustering",
     folder="patches",
-    reads=("scans/", "map/", "submaps/", "known/"),
+    reads=("scans/", "map/", "submaps/", "known/", EDITS),
     writes=("patches/patches.zip",),
     run=run,
 )

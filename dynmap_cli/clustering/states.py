@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,12 +65,15 @@ class Labels:
         Why there is none.
     bic : tuple of float
         BIC of the models with 1, 2, ... clusters that were tried.
+    rounds : tuple of (k, n_cells) float64
+        Means of the clusters of each of these models.
     """
 
     patch: I64
     membership: F64
     remarks: tuple[str, ...]
     bic: tuple[float, ...] = ()
+    rounds: tuple[F64, ...] = ()
 
 
 def learn_states(
@@ -112,7 +115,15 @@ def learn_states(
     )
     stay = stay_probability(visits, len(patches))
     varying = cells_that_vary(patches)
-    return PatchSet(submap.submap_id, submap.frame, varying, patches, stay, labels.bic), visits
+    rounds = tuple(_on_cells(means, vectors.cells) for means in labels.rounds)
+    return PatchSet(submap.submap_id, submap.frame, varying, patches, stay, labels.bic, rounds), visits
+
+
+def _on_cells(means: F64, cells: B1) -> F32:
+    """Means of clusters (k, n_cells) on the grid of the sub-map, (k, rows, cols); NaN elsewhere."""
+    grids = np.full((means.shape[0], *cells.shape), np.nan, dtype=np.float32)
+    grids[:, cells] = np.clip(means, 0.0, 1.0)
+    return grids
 
 
 def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
@@ -128,7 +139,7 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
     remarks[~is_mixed & ~founds] = TOO_LITTLE
     if not founds.any():
         return Labels(patch, membership, tuple(remarks))
-    founders = Vectors(vectors.values[founds], vectors.component, vectors.n_components)
+    founders = replace(vectors, values=vectors.values[founds])
     model = choose_clusters(founders, params.max_states, params.min_cells)
     clusters = model.clusters
     chosen = zip(clusters.memberships.argmax(axis=1), clusters.memberships.max(axis=1), strict=True)
@@ -138,11 +149,11 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
         else:
             patch[visit], membership[visit] = k, share
     late = np.flatnonzero(remarks == TOO_LITTLE)
-    unsure = Vectors(vectors.values[late], vectors.component, vectors.n_components)
+    unsure = replace(vectors, values=vectors.values[late])
     for visit, k, share in zip(late, *assign(unsure, clusters, params.min_cells), strict=True):
         if k >= 0:
             patch[visit], membership[visit], remarks[visit] = k, share, ""
-    return Labels(_renumbered(patch), membership, tuple(remarks), model.bic)
+    return Labels(_renumbered(patch), membership, tuple(remarks), model.bic, model.rounds)
 
 
 def _renumbered(patch: I64) -> I64:

@@ -27,9 +27,11 @@ def command(run_dir: Path, submap_id: int, as_json: bool) -> None:
 def _lines(found: Mapping[str, Any]) -> list[str]:
     """All of it, for people."""
     (x, y), (width, height) = found["center_m"], found["size_m"]
+    name = f" ({found['name']})" if found["name"] else ""
+    how = "were added by hand" if found["by_hand"] else "are contested"
     head = (
-        f"sub-map {found['submap']} at ({x:.1f}, {y:.1f}), {width:.1f} x {height:.1f} m: "
-        f"{found['contested_cells']} of {found['cells']} cells are contested"
+        f"sub-map {found['submap']}{name} at ({x:.1f}, {y:.1f}), {width:.1f} x {height:.1f} m: "
+        f"{found['contested_cells']} of {found['cells']} cells {how}"
     )
     return [head, "", *_evidence_lines(found), "", *_visit_lines(found), "", *_state_lines(found)]
 
@@ -38,8 +40,9 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
     """The windows that contradict one another."""
     evidence = found["evidence"]
     occupied, free = (_range(evidence[f"{what}_in_windows"]) for what in ("occupied", "free"))
+    contested = "elsewhere contested" if found["by_hand"] else "contested"
     rule = (
-        f"contested: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
+        f"{contested}: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
         f"and free in as many; these cells: occupied in {occupied}, free in {free}"
     )
     rows = [

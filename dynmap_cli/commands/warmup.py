@@ -60,5 +60,6 @@ def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     config = shared.config.model_copy(
         update={"ingest": IngestSettings()}
     )  # topics of a robot are not those here
-    build(folder / "run", [recording], config, threads=shared.threads)
+    # The sums of several threads are joined by a kernel of their own.
+    build(folder / "run", [recording], config, threads=max(2, shared.threads))
     localize(folder / "run", [recording], folder / "out", config, threads=shared.threads, force=False)

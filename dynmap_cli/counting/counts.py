@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -13,9 +17,12 @@ from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.kernels.counts import FIXED_ONE, count_scans, cut_at_walls, find_end_cells, widen_bounds
+from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells, widen_bounds
+from dynmap_cli.kernels.counts import HIT_SUMS, add_sums, count_scans, scale_sums, sum_along_x, sum_along_y
 
 SCANS_PER_CHUNK = 1024
+_LEAST_PER_THREAD = 100
+N_BANDS = 8
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
 _JUMP_M, _JUMP_MPS = 100.0, 100.0
@@ -51,7 +58,8 @@ class Rays:
 
 def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
     """Directions and usable ranges of a recording's lasers."""
-    angles = log.bearings_rad + log.sensor_poses[:, 2:3]
+    # Where a geometry has fewer beams, ranges are NaN and no beam is there; its direction is any.
+    angles = np.nan_to_num(log.bearings_rad) + log.sensor_poses[:, 2:3]
     return Rays(
         directions=np.stack([np.cos(angles), np.sin(angles)], axis=-1),
         sensor_poses=log.sensor_poses.copy(),
@@ -81,9 +89,10 @@ class Counter:
     def __init__(self, frame: GridFrame) -> None:
         self.frame = frame
         rows, cols = frame.shape
-        self._along_cols = np.zeros((rows + 1, cols + 2), dtype=np.int64)
-        self._along_rows = np.zeros((cols + 1, rows + 2), dtype=np.int64)
-        self._sums = tuple(np.zeros(frame.shape, dtype=np.int64) for _ in range(4))
+        self._shapes = (rows + 1, cols + 2), (cols + 1, rows + 2)
+        n_lengths = sum(height * width for height, width in self._shapes)
+        self._ends, self._crossings = (np.zeros(n_lengths, dtype=np.int64) for _ in range(2))
+        self._hits = np.zeros((rows * cols, HIT_SUMS), dtype=np.int64)
 
     def add(
         self,
@@ -126,32 +135,50 @@ class Counter:
                 frame.resolution_m,
                 frame.origin_x_m,
                 frame.origin_y_m,
+                *frame.shape,
                 sign,
-                self._along_cols,
-                self._along_rows,
-                *self._sums,
+                self._ends,
+                self._crossings,
+                self._hits,
             )
 
-    def merge(self, other: Counter) -> None:
+    def merge(self, other: Counter, threads: int = 1) -> None:
         """Add the sums of another counter on the same grid."""
-        self._along_cols += other._along_cols
-        self._along_rows += other._along_rows
-        for mine, theirs in zip(self._sums, other._sums, strict=True):
-            np.add(mine, theirs, out=mine)
+        for mine, theirs in (
+            (self._ends, other._ends),
+            (self._crossings, other._crossings),
+            (self._hits.reshape(-1), other._hits.reshape(-1)),
+        ):
+            _in_bands(threads, mine.size, partial(add_sums, theirs), mine)
 
-    def counting_map(self) -> CountingMap:
+    def counting_map(self, threads: int = 1) -> CountingMap:
         """Turn the sums into hits, passed lengths and centroids."""
-        rows, cols = self.frame.shape
-        passed = np.cumsum(self._along_cols, axis=1)[:rows, :cols]
-        passed += np.cumsum(self._along_rows, axis=1)[:cols, :rows].T
-        static, dynamic, offset_x, offset_y = (array / FIXED_ONE for array in self._sums)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            cells = np.stack([offset_x / static, offset_y / static], axis=-1)
-        corners = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1)
-        origin = np.array([self.frame.origin_x_m, self.frame.origin_y_m])
-        centroids = origin + (corners + cells) * self.frame.resolution_m
-        centroids[~np.isfinite(cells)] = np.nan
-        return CountingMap(self.frame, static, dynamic, passed / FIXED_ONE, centroids)
+        frame = self.frame
+        rows, cols = frame.shape
+        lengths = np.zeros((rows, cols), dtype=np.int64)
+        static, dynamic, passed = (np.zeros((rows, cols)) for _ in range(3))
+        centroids = np.full((rows, cols, 2), np.nan)
+        _in_bands(threads, rows, partial(sum_along_x, *self._grids(0)), lengths)
+        _in_bands(threads, cols, partial(sum_along_y, *self._grids(1)), lengths)
+        scale = partial(
+            scale_sums, self._hits, lengths, frame.resolution_m, frame.origin_x_m, frame.origin_y_m
+        )
+        _in_bands(threads, rows, scale, static, dynamic, passed, centroids)
+        return CountingMap(frame, static, dynamic, passed, centroids)
+
+    def _grids(self, axis: int) -> tuple[I64, I64]:
+        """Ends and crossings of the rays whose major axis is x (0) or y (1)."""
+        size = self._shapes[0][0] * self._shapes[0][1]
+        part = slice(size, None) if axis else slice(size)
+        shape = self._shapes[axis]
+        return self._ends[part].reshape(shape), self._crossings[part].reshape(shape)
+
+
+def _in_bands(threads: int, size: int, work: Callable[..., None], *out: I64 | F64) -> None:
+    """Let threads work on an equal part (first, last) of a size each; they write to different parts of `out`."""
+    bounds = np.linspace(0, size, N_BANDS + 1).astype(int).tolist()
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        list(pool.map(lambda first, last: work(first, last, *out), bounds[:-1], bounds[1:]))
 
 
 def count_beams(
@@ -181,25 +208,29 @@ def count_beams(
         Velocity during each scan, see `twists_of`; without it the robot stood still.
     threads : int
     """
-    bounds = np.linspace(0, log.n_scans, max(1, min(threads, log.n_scans // SCANS_PER_CHUNK)) + 1).astype(int)
+    threads = max(1, min(threads, log.n_scans // _LEAST_PER_THREAD))
+    n_parts = threads * math.ceil(log.n_scans / (threads * SCANS_PER_CHUNK))
+    bounds = np.linspace(0, log.n_scans, n_parts + 1).astype(int).tolist()
+    parts = iter([slice(*pair) for pair in pairwise(bounds)])
 
-    def count(first: int, last: int) -> Counter:
+    def count() -> Counter:
         counter = Counter(frame)
-        part = slice(first, last)
-        counter.add(
-            log.select(part),
-            poses[part],
-            usable_range_m,
-            weights=None if weights is None else weights[part],
-            twists=None if twists is None else twists[part],
-        )
+        for part in parts:
+            counter.add(
+                log.select(part),
+                poses[part],
+                usable_range_m,
+                weights=None if weights is None else weights[part],
+                twists=None if twists is None else twists[part],
+            )
         return counter
 
-    with ThreadPoolExecutor(max_workers=len(bounds) - 1) as pool:
-        total, *others = pool.map(count, bounds[:-1].tolist(), bounds[1:].tolist())
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        counts = [pool.submit(count) for _ in range(threads)]
+    total, *others = (done.result() for done in counts)
     for other in others:
-        total.merge(other)
-    return total.counting_map()
+        total.merge(other, threads)
+    return total.counting_map(threads)
 
 
 def count_up_to_walls(
@@ -219,11 +250,11 @@ def count_up_to_walls(
     silent = np.asarray(log.ranges_m == np.inf)
     if not silent.any():
         return count_beams(log, poses, frame, usable_range_m, twists=twists, threads=threads)
-    seen = count_beams(only_returns(log), poses, frame, usable_range_m, twists=twists, threads=threads)
-    reflectance = np.nan_to_num(seen.reflectance)
-    walls: B1 = ndimage.binary_dilation(reflectance >= _WALL_REFLECTANCE, np.ones((3, 3), dtype=bool))
+    walls = _walls_of(
+        count_beams(only_returns(log), poses, frame, usable_range_m, twists=twists, threads=threads)
+    )
     moving = np.zeros((log.n_scans, 3)) if twists is None else twists
-    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls.astype(np.uint8), moving)
+    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls, moving)
     cut = replace(log, ranges_m=np.where(silent, reach, log.ranges_m))
     return count_beams(cut, poses, frame, usable_range_m, twists=twists, threads=threads)
 
@@ -232,6 +263,13 @@ def only_returns(log: ScanLog) -> ScanLog:
     """The same scans, in which beams without return say nothing."""
     silent = np.asarray(log.ranges_m == np.inf)
     return replace(log, ranges_m=np.where(silent, np.float32(np.nan), log.ranges_m)) if silent.any() else log
+
+
+def _walls_of(counts: CountingMap) -> U8:
+    """1 (rows, cols) in and beside cells that reflect half of the beams."""
+    reflecting = counts.reflectance >= _WALL_REFLECTANCE
+    walls: B1 = ndimage.binary_dilation(reflecting, np.ones((3, 3), dtype=bool))
+    return walls.view(np.uint8)
 
 
 def _reach_of_silent_beams(

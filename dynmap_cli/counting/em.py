@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy import ndimage
 
-from dynmap_cli.arrays import F32, F64
+from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
@@ -55,11 +55,19 @@ class FilteredMap:
         e of each beam; NaN where it has no end point.
     log_likelihood : float
         Eq. 1.7, without the prior's constant.
+    is_unknown : (n_scans, n_beams) bool
+        Beams whose e is the prior's word only: what they hit was seen too little to tell.
     """
 
     counting_map: CountingMap
     static_probability: F32
     log_likelihood: float
+    is_unknown: B1
+
+    @property
+    def unknown_share(self) -> float:
+        """Share of the beams with an end point that nothing is known of."""
+        return int(self.is_unknown.sum()) / max(int(np.isfinite(self.static_probability).sum()), 1)
 
     @property
     def dynamic_share(self) -> float:
@@ -99,7 +107,8 @@ def filter_beams(
     beams = np.empty(cells.shape, dtype=np.float32)
     look_up(cells, weights.ravel(), beams)
     counted = count_with(raw, weights.astype(np.float64))
-    return FilteredMap(counted, beams, expected_log_likelihood(counted))
+    unknown = np.zeros(beams.shape, dtype=bool)
+    return FilteredMap(counted, beams, expected_log_likelihood(counted), unknown)
 
 
 def fixed_point(hits: F64, passed_cells: F64, params: FilterParams) -> F64:

@@ -7,22 +7,17 @@ saw beams cross the place and end well behind it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
 
-from dynmap_cli.arrays import F32, F64, I64
-from dynmap_cli.counting.counts import end_cells, only_returns
-from dynmap_cli.counting.em import FilteredMap, count_with, expectation_of, expected_log_likelihood
+from dynmap_cli.arrays import F64, I8, I32, I64
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells, surface_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.em import look_up
 from dynmap_cli.progress import Tick, no_tick
-
-_LEAST_FREE_LOOKS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +36,51 @@ class Looks:
     occupied: I64
     free: I64
     n_looks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """Looks within a few minutes of one recording: what changes in them was seen to move, or nearly so.
+
+    Attributes
+    ----------
+    scans : slice
+    occupied, free : (n,) int32
+        In how many of these looks each surface cell was seen so.
+    """
+
+    scans: slice
+    occupied: I32
+    free: I32
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What all looks together saw, and those of each watch.
+
+    Attributes
+    ----------
+    looks : Looks
+    hits, crossed : (n,) float64
+        Beams that ended in each surface cell, and length of those that crossed its surface, cells.
+    watches : tuple of Watch
+    """
+
+    looks: Looks
+    hits: F64
+    crossed: F64
+    watches: tuple[Watch, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What one look saw: numbers, states, hits and crossed lengths of the cells that it saw, each (m,)."""
+
+    scans: slice
+    seen: I64
+    states: I8
+    hits: F64
+    crossed: F64
 
 
 def time_windows(log: ScanLog, window_s: float) -> list[slice]:
@@ -80,73 +120,73 @@ def count_looks(
     windows = time_windows(log, look_s)
     surface = surface_cells(log, poses, frame, windows, params)
     occupied, free = (np.zeros(surface.cells.shape[0], dtype=np.int64) for _ in range(2))
-    evidence = Evidence(surface, params)
-    for window in windows:
-        evidence.add(log.select(window), poses[window])
-        seen, states = evidence.judge()
-        occupied[seen] += states == OCCUPIED
-        free[seen] += states == FREE
-        evidence.clear()
+    for look in _judged(log, poses, surface, windows, params):
+        occupied[look.seen] += look.states == OCCUPIED
+        free[look.seen] += look.states == FREE
         on_look()
     return Looks(surface, occupied, free, len(windows))
 
 
-def filter_by_looks(
-    filtered: FilteredMap,
-    log: ScanLog,
-    poses: F64,
-    *,
-    look_s: float,
-    look_prior: float,
-    usable_range_m: float,
-    twists: F64 | None = None,
-) -> FilteredMap:
-    """Lower e where the end cell was seen free in at least three looks and occupied in few.
-
-    The share of looks that saw the place occupied takes the part that the hit share has for beams (Eq. 1.10 at its
-    fixed point). Free looks rule out glass and fences, so the prior may be lower than that of beams. Beams without
-    return say nothing here: a dark wall returns none.
+def count_watches(
+    log: ScanLog, poses: F64, frame: GridFrame, look_s: float, watch_s: float, params: EvidenceParams
+) -> Watched:
+    """Count looks and beams over everything, and looks in each watch of *watch_s*; watches overlap by half.
 
     Parameters
     ----------
-    filtered : FilteredMap
-        By the hit share of beams.
     log : ScanLog
     poses : (n_scans, 3) float64
-    look_s : float
-    look_prior : float
-        In (0.5, 1): a beam is dynamic where fewer than 2 (1 - prior) of the looks saw its end cell, and the
-        cells around it, occupied.
-    usable_range_m : float
-    twists : (n_scans, 3) float64, optional
-        As given to the filter.
+        map_from_robot; scans with NaN are left out.
+    frame : GridFrame
+    look_s, watch_s : float
+        Without watches if watch_s is 0.
+    params : EvidenceParams
     """
-    counts = filtered.counting_map
-    evidence = EvidenceParams(max_range_m=usable_range_m)
-    looks = count_looks(only_returns(log), poses, counts.frame, look_s, evidence)
-    by_looks = expectation_of(_occupied_share(looks), look_prior)
-    hits = counts.static_hits + counts.dynamic_hits
-    by_beams = np.divide(counts.static_hits, hits, out=np.ones_like(hits), where=hits > 0)
-    counted = count_with(counts, np.minimum(by_beams, by_looks))
-    cells = end_cells(log, poses, counts.frame, usable_range_m, twists=twists)
-    beams = np.empty(cells.shape, dtype=np.float32)
-    look_up(cells, by_looks.astype(np.float32).ravel(), beams)
-    e: F32 = np.minimum(filtered.static_probability, beams)
-    return replace(
-        filtered,
-        counting_map=counted,
-        static_probability=e,
-        log_likelihood=expected_log_likelihood(counted),
-    )
+    windows = time_windows(log, look_s)
+    surface = surface_cells(log, poses, frame, windows, params)
+    halves = time_windows(log, watch_s / 2.0) if watch_s else [slice(0, log.n_scans)]
+    starts = np.array([half.start for half in halves])
+    counts = np.zeros((len(halves), 2, surface.cells.shape[0]), dtype=np.int32)
+    hits, crossed = (np.zeros(surface.cells.shape[0]) for _ in range(2))
+    for look in _judged(log, poses, surface, windows, params):
+        half = int(np.searchsorted(starts, look.scans.start, side="right")) - 1
+        counts[half, 0, look.seen] += look.states == OCCUPIED
+        counts[half, 1, look.seen] += look.states == FREE
+        hits[look.seen] += look.hits
+        crossed[look.seen] += look.crossed
+    occupied, free = counts.sum(axis=0, dtype=np.int64)
+    watches = []
+    for first, last in _pairs(log, halves, watch_s) if watch_s else ():
+        scans = slice(halves[first].start, halves[last].stop)
+        watches.append(Watch(scans, *counts[first : last + 1].sum(axis=0, dtype=np.int32)))
+    return Watched(Looks(surface, occupied, free, len(windows)), hits, crossed, tuple(watches))
 
 
-def _occupied_share(looks: Looks) -> F64:
-    """(rows, cols) largest share of looks that saw the cell, or one beside it, occupied; 1 where it was rarely free."""
-    known, shape = looks.occupied + looks.free, looks.surface.frame.shape
-    row, col = looks.surface.cells.T
-    share = np.full(shape, -1.0)
-    share[row, col] = np.where(known > 0, looks.occupied / np.maximum(known, 1), -1.0)
-    around = ndimage.maximum_filter(share, size=3, mode="constant", cval=-1.0)
-    is_free = np.zeros(shape, dtype=bool)
-    is_free[row, col] = looks.free >= _LEAST_FREE_LOOKS
-    return np.where(is_free, around, 1.0)
+def _pairs(log: ScanLog, halves: Sequence[slice], watch_s: float) -> Iterator[tuple[int, int]]:
+    """First and last half of each watch: two that follow one another, and halves with none beside them alone."""
+    is_followed = False
+    for k, half in enumerate(halves):
+        was_followed, is_followed = is_followed, False
+        if k + 1 < len(halves):
+            after = halves[k + 1]
+            is_followed = bool(
+                log.recording_index[half.start] == log.recording_index[after.start]
+                and log.stamps_ns[after.start] - log.stamps_ns[half.start] < round(watch_s * 1e9)
+            )
+        if is_followed:
+            yield k, k + 1
+        elif not was_followed:
+            yield k, k
+
+
+def _judged(
+    log: ScanLog, poses: F64, surface: SurfaceCells, windows: Sequence[slice], params: EvidenceParams
+) -> Iterator[Look]:
+    """Judge the surface cells in one look after the other."""
+    evidence = Evidence(surface, params)
+    for window in windows:
+        evidence.add(log.select(window), poses[window])
+        seen, states = evidence.judge()
+        look = Look(window, seen, states, evidence.hits[seen], evidence.crossed[seen])
+        evidence.clear()
+        yield look

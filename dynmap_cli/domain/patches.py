@@ -59,6 +59,9 @@ class PatchSet:
         Probability that the state is the same one minute later.
     bic : tuple of float
         BIC (Eq. 1.19) of the models with 1, 2, ... states that were tried; empty where there was nothing to choose.
+    rounds : tuple of (k, rows, cols) float32
+        Means of the clusters of each of these models (of which some may be gone): 1 occupied, 0 free, NaN unknown. Only
+        pictures need them; they are empty in a patch map that was read from a file.
     """
 
     submap_id: int
@@ -67,6 +70,7 @@ class PatchSet:
     patches: tuple[Patch, ...]
     stay_probability: float
     bic: tuple[float, ...] = ()
+    rounds: tuple[F32, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

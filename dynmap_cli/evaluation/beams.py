@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I8, I32
 from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans, twists_of
 from dynmap_cli.counting.em import FilterParams, filter_beams, occupancy
+from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OCCUPIED
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.scores import Score, ratio
@@ -78,8 +80,8 @@ def paper_labels(run: Run, *, threads: int = 1) -> I8:
     return labels_of(filtered.static_probability)
 
 
-def beam_count_labels(run: Run, *, threads: int = 1) -> I8:
-    """Ablation: the filter without looks."""
+def look_labels(run: Run, *, threads: int = 1) -> dict[str, I8]:
+    """Ablations: the filter without looks, without watches, and where grazing beams count as all others."""
     settings = run.settings
     params = FilterParams(
         settings["static_prior"],
@@ -89,13 +91,25 @@ def beam_count_labels(run: Run, *, threads: int = 1) -> I8:
     )
     twists = twists_of(run.log, run.poses)
     filtered = filter_beams(run.log, run.poses, _frame(run), params, twists=twists, threads=threads)
-    return labels_of(filtered.static_probability)
+    labels = {"without looks": labels_of(filtered.static_probability)}
+    if settings["look_s"] > 0.0:
+        looks = LookParams(look_s=settings["look_s"], look_prior=settings["look_prior"])
+        for method, changed in (
+            ("without watches", replace(looks, watch_s=0.0)),
+            ("with grazing beams", replace(looks, crossing_prior=0.0)),
+        ):
+            again = filter_by_looks(
+                filtered, run.log, run.poses, changed, usable_range_m=params.usable_range_m, twists=twists
+            )
+            labels[method] = labels_of(again.static_probability)
+    return labels
 
 
 def score_beams(name: str, run: Run, truth: Truth, *, threads: int = 1) -> Score:
     """Measures of the run's labels, of the ablations, and by probability, class and range.
 
-    Beams count that hit something, within the range that the run uses.
+    Beams count that hit something, within the range that the run uses. Those that the run calls unknown are kept
+    by it, and count so; the measures without them stand beside.
     """
     mine, theirs = same_scans(run.log.stamps_ns, truth)
     ranges, classes = _matched(run, truth, mine, theirs)
@@ -106,17 +120,20 @@ def score_beams(name: str, run: Run, truth: Truth, *, threads: int = 1) -> Score
     is_static, is_moving = in_reach & (classes == truth.static), in_reach & (classes == truth.moving)
     methods = {
         "run": labels_of(run.static_probability)[mine],
-        "without looks": beam_count_labels(run, threads=threads)[mine],
+        **{method: labels[mine] for method, labels in look_labels(run, threads=threads).items()},
         "plain counting": plain_map_labels(run, threads=threads)[mine],
         "paper to the letter": paper_labels(run, threads=threads)[mine],
     }
     values = measures(methods["run"], is_static, is_moving)
+    is_known = ~run.is_unknown[mine]
+    decided = measures(methods["run"], is_static & is_known, is_moving & is_known)
     details: dict[str, list[dict[str, Any]]] = {
         "methods at the same poses": [
             {"method": method, **measures(labels, is_static, is_moving)} for method, labels in methods.items()
-        ],
+        ]
+        + [{"method": "run, without unknown beams", **decided}],
         "reliability": by_probability(run.static_probability[mine], is_static, is_moving),
-        "by class": by_class(methods, classes, in_reach, truth),
+        "by class": by_class(methods, ~is_known, classes, in_reach, truth),
         "by range": by_range(methods["run"], ranges, is_static, is_moving),
     }
     values["calibration_error"] = calibration_error(run.static_probability[mine], is_static, is_moving)
@@ -142,8 +159,10 @@ def _matched(run: Run, truth: Truth, mine: Any, theirs: Any) -> tuple[F64, I32]:
     return ranges, classes
 
 
-def by_class(methods: Mapping[str, I8], classes: I32, in_reach: B1, truth: Truth) -> list[dict[str, Any]]:
-    """Share of the beams of each true class that each method removed."""
+def by_class(
+    methods: Mapping[str, I8], is_unknown: B1, classes: I32, in_reach: B1, truth: Truth
+) -> list[dict[str, Any]]:
+    """Share of the beams of each true class that the run calls unknown, and that each method removed."""
     masks = {
         "static": classes == truth.static,
         "changing": classes >= truth.first_object,
@@ -154,6 +173,7 @@ def by_class(methods: Mapping[str, I8], classes: I32, in_reach: B1, truth: Truth
         {
             "class": name,
             "beams": int((mask & in_reach).sum()),
+            "unknown": ratio(int((mask & in_reach & is_unknown).sum()), int((mask & in_reach).sum())),
             **{
                 f"removed, {method}": ratio(
                     int((labels[mask & in_reach] == _REMOVED).sum()), int((mask & in_reach).sum())

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I32, I64
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import known_poses, nearest_stamp
 from dynmap_cli.evaluation.trajectories import align
-from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.counting_map import read_beams, read_unknown
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json, read_text
 from dynmap_cli.files.manifest import read_manifest
@@ -78,6 +78,7 @@ class Run:
     log : ScanLog
     poses : (n_scans, 3) float64
     static_probability : (n_scans, n_beams) float32
+    is_unknown : (n_scans, n_beams) bool
     settings : dict
         Of the stage `map`.
     """
@@ -86,6 +87,7 @@ class Run:
     log: ScanLog
     poses: F64
     static_probability: F32
+    is_unknown: B1
     settings: dict[str, float]
 
 
@@ -140,8 +142,9 @@ def read_run(folder: Path) -> Run:
     if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
         msg = f"{folder}: map/ is not of these scans. Run `dynmap map` again with --force."
         raise ArtifactError(msg)
-    beams = read_beams(folder / "map" / "beams.npz", (log.n_scans, log.n_beams))
-    return Run(folder, log, trajectory.poses, beams, manifest.settings)
+    path, shape = folder / "map" / "beams.npz", (log.n_scans, log.n_beams)
+    e, is_unknown = read_beams(path, shape), read_unknown(path, shape)
+    return Run(folder, log, trajectory.poses, e, is_unknown, manifest.settings)
 
 
 def same_scans(stamps_ns: I64, truth: Truth) -> tuple[I64, I64]:

@@ -11,6 +11,8 @@ from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.scans import ScanLog, end_points
 
 DYNAMIC_BELOW = 0.5
+UNKNOWN = np.float32(0.5)
+"""What a label says of a beam that hit what was seen too little to tell: even odds, and kept."""
 LABEL_SUFFIX = "/static_probability"
 _REFLECTS = 0.2
 _SUPPORT_M = 0.075
@@ -46,7 +48,7 @@ class BeamLabels:
         return np.asarray(self._is_removed[row, :n_beams])
 
     def static_probability(self, row: int, n_beams: int) -> F32:
-        """(n_beams,) e of each beam of a sweep, NaN where it has no end point."""
+        """(n_beams,) e of each beam of a sweep, 1/2 = unknown, NaN where it has no end point."""
         return np.asarray(self._static_probability[row, :n_beams])
 
 

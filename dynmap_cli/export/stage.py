@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.export.labels import DYNAMIC_BELOW, LABEL_SUFFIX, BeamLabels, hits_known_state
-from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.export.labels import DYNAMIC_BELOW, LABEL_SUFFIX, UNKNOWN, BeamLabels, hits_known_state
+from dynmap_cli.files.counting_map import read_beams, read_unknown
 from dynmap_cli.files.manifest import read_manifest
 from dynmap_cli.files.patch_archive import read_patches
 from dynmap_cli.files.scan_log import read_scan_log
@@ -72,7 +72,8 @@ def clean_to_file(
     text = TextChoices(
         str(ingested.summary.get("odometry", "")) if ingested else "", float(log.range_limits_m[:, 1].max())
     )
-    labels = BeamLabels(log, static_probability, is_removed)
+    is_unknown = read_unknown(run_dir / "map" / "beams.npz", log.ranges_m.shape)
+    labels = BeamLabels(log, np.where(is_unknown, UNKNOWN, static_probability), is_removed)
     done = write_clean(recordings, out_path, labels, text=text, is_label=is_label, settings=settings)
     return {
         "scans": dict(done.scans),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, I64
+from dynmap_cli.arrays import B1, F32, I64
 from dynmap_cli.domain.grid import MAX_CELLS, CountingMap, GridFrame
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import refusing_damage
@@ -60,9 +60,14 @@ def read_counting_map(path: Path) -> CountingMap:
         return CountingMap(GridFrame(resolution, x, y, *shape), **grids)
 
 
-def write_beams(path: Path, stamps_ns: I64, static_probability: F32) -> None:
-    """Write e of each beam: (n_scans, n_beams) float32, NaN where a beam has no end point."""
-    np.savez_compressed(path, stamps_ns=stamps_ns, static_probability=static_probability.astype(np.float32))
+def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown: B1) -> None:
+    """Write e of each beam, (n_scans, n_beams) float32, NaN where it has no end point, and which are unknown."""
+    np.savez_compressed(
+        path,
+        stamps_ns=stamps_ns,
+        static_probability=static_probability.astype(np.float32),
+        is_unknown=is_unknown.astype(np.uint8),
+    )
 
 
 def read_beams(path: Path, shape: tuple[int, int]) -> F32:
@@ -78,3 +83,19 @@ def read_beams(path: Path, shape: tuple[int, int]) -> F32:
         return read_npz(path, {"static_probability": column}, max_bytes=4 * math.prod(shape))[
             "static_probability"
         ]
+
+
+def read_unknown(path: Path, shape: tuple[int, int]) -> B1:
+    """Read which beams hit what was seen too little to tell; none in files that do not say.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of other scans.
+    """
+    with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
+        try:
+            arrays = read_npz(path, {"is_unknown": Column("|u1", shape)}, max_bytes=math.prod(shape))
+        except KeyError:
+            return np.zeros(shape, dtype=bool)
+        return np.asarray(arrays["is_unknown"] > 0)

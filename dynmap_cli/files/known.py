@@ -1,4 +1,7 @@
-"""known/: the sub-maps and patches of a run before its last update, by which those of now keep their numbers."""
+"""known/: the sub-maps and patches of a run before its last update or edit, by which those of now keep their numbers.
+
+They are as they were found, without the corrections by hand, so that what was corrected is found again.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +15,23 @@ from dynmap_cli.files.patch_archive import read_patches
 from dynmap_cli.files.submaps import read_submaps
 
 FOLDER = "known"
+FOUND = "found"
+"""Folder in submaps/ and name in patches/ of what was found, where it was corrected by hand."""
+FOUND_PATCHES = f"{FOUND}.zip"
 _PATCHES = "patches.zip"
 
 
 def remember(run_dir: Path, into: Path) -> None:
-    """Copy the sub-maps and patches of a run into known/ of another folder."""
+    """Copy the sub-maps and patches of a run, as they were found, into known/ of another folder."""
     known = into / FOLDER
     shutil.rmtree(known, ignore_errors=True)
     known.mkdir(parents=True)
-    for path in (run_dir / "submaps").iterdir():
+    submaps, patches = run_dir / "submaps", run_dir / "patches"
+    for path in (submaps / FOUND if (submaps / FOUND / "submaps.yaml").is_file() else submaps).iterdir():
         if path.suffix in (".yaml", ".pgm"):
             shutil.copyfile(path, known / path.name)
-    shutil.copyfile(run_dir / "patches" / _PATCHES, known / _PATCHES)
+    found = patches / FOUND_PATCHES
+    shutil.copyfile(found if found.is_file() else patches / _PATCHES, known / _PATCHES)
 
 
 def forget(run_dir: Path) -> None:

@@ -1,8 +1,9 @@
 """patches/patches.zip: manifest.json, one PGM and one .npy per patch, sequences.csv.
 
 The .npy holds the reflectance (float32, row 0 has the lowest y, NaN unknown); the PGM is a picture of it,
-first row on top, 0 occupied, 205 unknown, 254 free. sequences.csv has one row per visit; why a visit has no
-patch stands in the manifest, under "unassigned". A sub-map whose states nobody saw has no patches.
+first row on top, 0 occupied, 205 unknown, 254 free. round_K.npy holds the means of the clusters with which up to
+K states were tried, (clusters, rows, cols), 1 occupied, 0 free, NaN where nothing varies. sequences.csv has one row per
+visit; why a visit has no patch stands in the manifest, under "unassigned". A sub-map whose states nobody saw has none.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ def write_patches(
                 pgm, npy = _names(number, patch.patch_id)
                 _add(archive, pgm, pgm_bytes(patch.cells))
                 _add(archive, npy, _npy_bytes(patch.reflectance))
+            for name, means in zip(_round_names(by_id[number]), by_id[number].rounds, strict=True):
+                _add(archive, name, _npy_bytes(means))
         _add(archive, "sequences.csv", _csv_bytes(visits))
 
 
@@ -72,6 +75,7 @@ def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) 
     frame = submap.frame
     return {
         "id": submap.submap_id,
+        **({"name": submap.name} if submap.name else {}),
         "origin_m": [round(frame.origin_x_m, 9), round(frame.origin_y_m, 9)],
         "size_cells": [frame.cols, frame.rows],
         "area_m2": round(submap.area_m2, 9),
@@ -81,6 +85,7 @@ def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) 
             {"id": patch.patch_id, "support": patch.support, "pgm": pgm, "npy": npy}
             for patch, (pgm, npy) in zip(patches, names, strict=True)
         ],
+        "rounds": _round_names(patch_set) if patch_set else [],
         "unassigned": {
             str(visit.sequence): visit.remark
             for visit in visits
@@ -95,6 +100,12 @@ def _names(submap_id: int, patch_id: int) -> tuple[str, str]:
     return f"{stem}.pgm", f"{stem}.npy"
 
 
+def _round_names(patch_set: PatchSet) -> list[str]:
+    """Names of the means of the clusters with which 1, 2, ... states were tried."""
+    count = len(patch_set.rounds)
+    return [f"submap_{patch_set.submap_id:03d}/round_{k}.npy" for k in range(1, count + 1)]
+
+
 def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     """Store a member with nothing of the machine or the hour in it."""
     info = zipfile.ZipInfo(name, _DATE)
@@ -104,10 +115,10 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     archive.writestr(info, content)
 
 
-def _npy_bytes(reflectance: F32) -> bytes:
-    """Values of a patch."""
+def _npy_bytes(values: F32) -> bytes:
+    """Values of a patch or of clusters."""
     stream = io.BytesIO()
-    np.save(stream, np.ascontiguousarray(reflectance, dtype="<f4"), allow_pickle=False)
+    np.save(stream, np.ascontiguousarray(values, dtype="<f4"), allow_pickle=False)
     return stream.getvalue()
 
 
@@ -160,6 +171,24 @@ def read_visits(path: Path) -> tuple[Visit, ...]:
         return tuple(_visit(row, remarks) for row in rows)
 
 
+def read_rounds(path: Path) -> dict[int, tuple[F32, ...]]:
+    """Read the means of the clusters of each round, (k, rows, cols), by sub-map; k is at most the round's number."""
+    with _Reader(path) as reader:
+        found = {}
+        for entry in reader.manifest()["submaps"]:
+            cols, rows = (int(size) for size in entry["size_cells"])
+            names = [str(name) for name in entry.get("rounds", ())]
+            too_large = min(cols, rows) < 1 or cols * rows * len(names) ** 2 > 2 * MAX_CELLS
+            if too_large or (names and len(names) != len(entry["bic"])):
+                msg = f"sub-map {entry['id']} of {cols} x {rows} cells with {len(names)} rounds"
+                raise ValueError(msg)
+            found[int(entry["id"])] = tuple(
+                reader.values(name, (None, rows, cols), k * rows * cols)
+                for k, name in enumerate(names, start=1)
+            )
+        return found
+
+
 def _visit(row: dict[str, str], remarks: dict[tuple[int, int], str]) -> Visit:
     """One row of sequences.csv."""
     submap_id, sequence = int(row["submap"]), int(row["sequence"])
@@ -190,7 +219,11 @@ def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> P
         msg = f"origin_m {entry['origin_m']}"
         raise ValueError(msg)
     patches = tuple(
-        Patch(int(patch["id"]), int(patch["support"]), reader.values(str(patch["npy"]), (rows, cols)))
+        Patch(
+            int(patch["id"]),
+            int(patch["support"]),
+            reader.values(str(patch["npy"]), (rows, cols), rows * cols),
+        )
         for patch in entry["patches"]
     )
     frame = GridFrame(resolution, origin_x, origin_y, rows, cols)
@@ -245,10 +278,13 @@ class _Reader:
             raise ArtifactError(msg)
         return dict(content)
 
-    def values(self, name: str, shape: tuple[int, int]) -> F32:
-        """Reflectance of a patch, in [0, 1] or NaN."""
-        content = self.member(name, 4 * shape[0] * shape[1] + 4096)
+    def values(self, name: str, shape: tuple[int | None, ...], most: int) -> F32:
+        """Values of a patch or of clusters, at most so many, in [0, 1] or NaN."""
+        content = self.member(name, 4 * most + 4096)
         values: F32 = parse_npy(io.BytesIO(content), len(content), Column("<f4", shape), name)
+        if values.size > most:
+            msg = f"{name} has shape {values.shape}"
+            raise ValueError(msg)
         if not bool((np.isnan(values) | ((values >= 0.0) & (values <= 1.0))).all()):
             msg = f"{name} has values outside 0 to 1"
             raise ValueError(msg)

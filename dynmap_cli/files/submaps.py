@@ -26,6 +26,7 @@ _CONTESTED, _OWNED, _ELSEWHERE = 0, 254, 205
 
 def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
     """Write submaps.yaml and the masks."""
+    folder.mkdir(parents=True, exist_ok=True)
     entries = []
     for submap in submaps:
         name = f"submap_{submap.submap_id:03d}.pgm"
@@ -33,6 +34,8 @@ def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
         Image.fromarray(np.flipud(grey.astype(np.uint8))).save(folder / name)
         frame = submap.frame
         row, col = np.argwhere(submap.contested)[0].tolist()
+        by_hand: dict[str, Any] = {"name": submap.name} if submap.name else {}
+        by_hand |= {"by_hand": True} if submap.by_hand else {}
         entries.append(
             {
                 "id": submap.submap_id,
@@ -43,6 +46,7 @@ def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
                 "contested_cells": int(submap.contested.sum()),
                 "seed_cell": [submap.row + row, submap.col + col],
                 "mask": name,
+                **by_hand,
             }
         )
     resolution = _rounded(submaps[0].frame.resolution_m) if submaps else None
@@ -107,6 +111,8 @@ def _read_one(folder: Path, resolution_m: float, entry: dict[str, Any]) -> SubMa
         contested=grey == _CONTESTED,
         owned=grey != _ELSEWHERE,
         area_m2=float(entry["area_m2"]),
+        name=str(entry.get("name", "")),
+        by_hand=bool(entry.get("by_hand", False)),
     )
 
 

@@ -29,6 +29,8 @@ def explanation_of(
     """
     return {
         "submap": submap.submap_id,
+        "name": submap.name or None,
+        "by_hand": submap.by_hand,
         "center_m": list(submap.center_m),
         "size_m": list(submap.size_m),
         "cells": int(submap.contested.size),

@@ -36,16 +36,18 @@ def write_timeline(run_dir: Path, out_dir: Path) -> dict[str, Any]:
     archive = run_dir / "patches" / "patches.zip"
     visits = read_visits(archive)
     stay = {patch_set.submap_id: patch_set.stay_probability for patch_set in read_patches(archive)}
-    histories = histories_of([submap.submap_id for submap in submaps], visits, stay)
+    histories = histories_of(submaps, visits, stay)
     with replacing(out_dir / TABLE_NAME) as part:
         part.write_bytes(as_csv(visits))
     with replacing(out_dir / FIGURE_NAME) as part:
-        part.write_bytes(draw_visits(visits))
+        part.write_bytes(draw_visits(visits, submaps))
     places = [f"({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f})" for submap in submaps]
     lines = [describe(history, place) for history, place in zip(histories, places, strict=True)]
     return {
         "visits": len(visits),
-        "submaps": [_summary(history) for history in histories],
+        "submaps": [
+            _summary(history, submap.name) for history, submap in zip(histories, submaps, strict=True)
+        ],
         "table": str(out_dir / TABLE_NAME),
         "figure": str(out_dir / FIGURE_NAME),
         "lines": lines or ["no sub-map: nothing was seen in two states"],
@@ -86,7 +88,7 @@ def _submap_of(run_dir: Path, submap_id: int) -> SubMap:
     """The sub-map of this number."""
     submaps = {submap.submap_id: submap for submap in read_submaps(run_dir / "submaps")}
     if submap_id not in submaps:
-        there = f"there are {min(submaps)} to {max(submaps)}" if submaps else "nothing was seen in two states"
+        there = f"there are {', '.join(map(str, submaps))}" if submaps else "nothing was seen in two states"
         msg = f"{run_dir}: no sub-map {submap_id}; {there}. `dynmap timeline {run_dir}` lists them."
         raise ConfigError(msg)
     return submaps[submap_id]
@@ -106,10 +108,11 @@ def _segmentation_of(run_dir: Path) -> tuple[SegmentationSettings, int]:
         return settings, int(manifest.summary["windows_needed"])
 
 
-def _summary(history: History) -> dict[str, Any]:
+def _summary(history: History, name: str) -> dict[str, Any]:
     """The same as numbers."""
     return {
         "submap": history.submap_id,
+        "name": name or None,
         "visits": len(history.visits),
         "seen": {str(state): count for state, count in history.seen.items()},
         "open": history.open_visits,

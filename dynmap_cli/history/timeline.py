@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from dynmap_cli.domain.patches import Visit
+from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.trajectory import format_stamp
 
 TIMELINE_HEADER = "submap,visit,recording,enter_s,leave_s,state,membership,remark"
@@ -23,6 +24,8 @@ class History:
     Attributes
     ----------
     submap_id : int
+    called : str
+        Its number, and its name where it has one.
     visits : tuple of Visit
         In time order.
     stay_probability : float or None
@@ -30,6 +33,7 @@ class History:
     """
 
     submap_id: int
+    called: str
     visits: tuple[Visit, ...]
     stay_probability: float | None
 
@@ -55,14 +59,14 @@ class History:
 
 
 def histories_of(
-    submap_ids: Sequence[int], visits: Sequence[Visit], stay_probabilities: Mapping[int, float]
+    submaps: Sequence[SubMap], visits: Sequence[Visit], stay_probabilities: Mapping[int, float]
 ) -> tuple[History, ...]:
     """Sort visits by sub-map and time.
 
     Parameters
     ----------
-    submap_ids : sequence of int
-        All sub-maps, also those that nobody visited.
+    submaps : sequence of SubMap
+        All of them, also those that nobody visited.
     visits : sequence of Visit
     stay_probabilities : mapping of int to float
         Of the sub-maps whose states are known.
@@ -70,11 +74,12 @@ def histories_of(
     ordered = in_time_order(visits)
     return tuple(
         History(
-            number,
-            tuple(visit for visit in ordered if visit.submap_id == number),
-            stay_probabilities.get(number),
+            submap.submap_id,
+            submap.called,
+            tuple(visit for visit in ordered if visit.submap_id == submap.submap_id),
+            stay_probabilities.get(submap.submap_id),
         )
-        for number in submap_ids
+        for submap in submaps
     )
 
 
@@ -129,4 +134,4 @@ def describe(history: History, place: str) -> str:
         words.append(f"{total} transition{'s' * (total != 1)}" + (f" ({pairs})" if pairs else ""))
     if history.stay_probability is not None:
         words.append(f"stays for a minute with probability {history.stay_probability:.3f}")
-    return f"sub-map {history.submap_id} at {place}: {', '.join(words)}"
+    return f"sub-map {history.called} at {place}: {', '.join(words)}"

@@ -15,9 +15,7 @@ from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.account import report_on
-from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
 from dynmap_cli.ingest.carmen import read_carmen
-from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
@@ -47,7 +45,6 @@ from dynmap_cli.ingest.odometry import (
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
-from dynmap_cli.ingest.salvage import read_salvaged
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.wean import read_wean
 
@@ -186,6 +183,11 @@ def _load(source: Source, settings: IngestSettings) -> RawRecording:
         return read_carmen(source.path, source.name)
     if source.kind == "wean":
         return read_wean(source.path, source.name)
+    # Text logs do without the libraries for bags.
+    from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
+    from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
+    from dynmap_cli.ingest.salvage import read_salvaged
+
     kind = _BAG_NAMES[source.kind]
     try:
         recording = read_bag(source.path, source.name, kind)

@@ -1,71 +1,48 @@
 """Counting: where beams end and how far they pass through each cell, exactly and in any order.
 
-A ray with a given major axis passes equal lengths through the cells of a run, so only the crossings of the
-minor axis are written, into difference grids (one per major axis); prefix sums at the end give the lengths.
-Everything is int64 fixed point, so the result does not depend on order or threads, and a scan can be taken
-out again exactly.
+A ray with a given major axis u passes equal lengths through the cells of a run, so only three things are written:
+where it starts, where it ends, and where it crosses from one row v of cells to the next. A prefix sum along u of
+
+    ends[v, u] + crossings[v, u] - crossings[v + 1, u]
+
+gives the lengths: a crossing ends the run in one row and starts the run in the next. Everything is int64 fixed
+point, so the result does not depend on order or threads, and a scan can be taken out again exactly.
+
+`ends` and `crossings` are flat: first the (rows + 1, cols + 2) grid of the rays whose major axis is x, then the
+(cols + 1, rows + 2) grid of those whose major axis is y.
+
+What is computed and what is written stand in separate loops: the former are vectorized by the compiler, and the
+latter keep many cache misses in flight.
 """
 
 from __future__ import annotations
 
 import math
 
-from dynmap_cli.arrays import F32, F64, I32, I64, U8
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32, I64
+from dynmap_cli.kernels.beams import (
+    BEAM_ROWS,
+    LENGTH,
+    START_X,
+    START_Y,
+    STEP_X,
+    STEP_Y,
+    cells_of_hits,
+    place_beams,
+)
 from dynmap_cli.kernels.jit import kernel
 
 FIXED_ONE = 2.0**32
 """Fixed-point value of one cell or one hit: 2e9 passes fit into a cell, rounding is 1e-10 cell."""
-
-
-@kernel
-def _add_run_boundary(grid: I64, row: int, at: float, unit: int, sign: int) -> None:
-    """Let the run of a row start (sign 1) or end (sign -1) at a position along its columns."""
-    col = int(math.floor(at))
-    here = int(round((col + 1 - at) * unit))
-    grid[row, col] += sign * here
-    grid[row, col + 1] += sign * (unit - here)
-
-
-@kernel
-def _add_ray(grid: I64, u0: float, v0: float, u1: float, v1: float, sign: int) -> None:
-    """Add the lengths of a segment to the difference grid [v, u] of its major axis u; |dv| <= |du|."""
-    if u1 < u0:
-        u0, v0, u1, v1 = u1, v1, u0, v0
-    du, dv = u1 - u0, v1 - v0
-    if du <= 0.0:
-        return
-    unit = int(round(math.sqrt(du * du + dv * dv) / du * FIXED_ONE))
-    last_row = grid.shape[0] - 1
-    row, end_row = int(math.floor(v0)), int(math.floor(v1))
-    row, end_row = min(max(row, 0), last_row), min(max(end_row, 0), last_row)
-    _add_run_boundary(grid, row, u0, unit, sign)
-    step = 1 if end_row > row else -1
-    while row != end_row:
-        boundary = row + 1 if step > 0 else row
-        at = min(max(u0 + (boundary - v0) / dv * du, u0), u1)
-        _add_run_boundary(grid, row, at, unit, -sign)
-        row += step
-        _add_run_boundary(grid, row, at, unit, sign)
-    _add_run_boundary(grid, row, u1, unit, -sign)
-
-
-@kernel
-def _clip(x0: float, dx: float, low: float, high: float, enter: float, leave: float) -> tuple[float, float]:
-    """Part [enter, leave] of a segment x0 + t dx that lies in [low, high] along one axis."""
-    if dx == 0.0:
-        return (enter, leave) if low <= x0 <= high else (1.0, 0.0)
-    a, b = (low - x0) / dx, (high - x0) / dx
-    if a > b:
-        a, b = b, a
-    return max(enter, a), min(leave, b)
-
-
-@kernel
-def _moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
-    """Position of the robot a short time after the first beam of a scan."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    dx, dy = elapsed_s * twist[0], elapsed_s * twist[1]
-    return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
+STATIC, DYNAMIC, OFFSET_X, OFFSET_Y = range(4)
+"""Sums over the hits of a cell."""
+HIT_SUMS = 4
+_CROSSING, _SLOPE, _SIGNED_UNIT = range(3)
+_UNIT, _FROM, _FROM_RIGHT, _TO, _TO_RIGHT, _ROW, _AFTER, _STRIDE = range(8)
+_STEEPEST = 1e300
+_COLS_AT_ONCE = 16
 
 
 @kernel
@@ -82,17 +59,16 @@ def count_scans(
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
+    rows: int,
+    cols: int,
     sign: int,
-    along_cols: I64,
-    along_rows: I64,
-    static_hits: I64,
-    dynamic_hits: I64,
-    offset_x: I64,
-    offset_y: I64,
+    ends: I64,
+    crossings: I64,
+    hits: I64,
 ) -> None:
     """Add (sign 1) or take out (sign -1) scans: alpha, beta and the sums for the hit centroids (Eq. 1.12).
 
-    A beam adds e to `static_hits` and 1 - e to `dynamic_hits` of its end cell, and the length by which it
+    A beam adds e to the static and 1 - e to the dynamic hits of its end cell, and the length by which it
     passes each earlier cell to the difference grids. A beam without return, or one that is longer than the
     usable range, passes up to the usable range and ends nowhere (zeta = 1 in Eq. 1.1); so does one with a
     negative range, up to its absolute value.
@@ -115,220 +91,231 @@ def count_scans(
     poses : (n_scans, 3) float64
         map_from_robot; rows with NaN are skipped.
     resolution_m, origin_x_m, origin_y_m : float
+    rows, cols : int
         Frame of the grid.
     sign : int
-    along_cols : (rows + 1, cols + 2) int64
-    along_rows : (cols + 1, rows + 2) int64
-        Difference grids of the rays whose major axis is x, and y.
-    static_hits, dynamic_hits, offset_x, offset_y : (rows, cols) int64
-        Hits, and e times the offset of the end points from the corner of the cell, cells.
+    ends, crossings : ((rows + 1) * (cols + 2) + (cols + 1) * (rows + 2),) int64
+        Difference grids, see above.
+    hits : (rows * cols, HIT_SUMS) int64
+        Static and dynamic hits, and e times the offset of the end points from the corner of the cell, cells.
     """
-    rows, cols = static_hits.shape
+    n_beams = ranges_m.shape[1]
+    beams, runs = np.empty((BEAM_ROWS, n_beams)), np.empty((3, n_beams))
+    entries, values = np.empty((8, n_beams), dtype=np.int64), np.empty((3, n_beams), dtype=np.int64)
+    cells = np.empty(n_beams, dtype=np.int64)
     for scan in range(ranges_m.shape[0]):
-        geometry = geometry_index[scan]
-        yaw = poses[scan, 2]
-        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + yaw):
+        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
             continue
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        robot_x, robot_y = poses[scan, 0], poses[scan, 1]
-        x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-        interval_s = beam_interval_s[geometry]
-        for beam in range(ranges_m.shape[1]):
-            if interval_s != 0.0:
-                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
-                cos, sin = (
-                    math.cos(yaw + elapsed_s * twists[scan, 2]),
-                    math.sin(yaw + elapsed_s * twists[scan, 2]),
-                )
-                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-            distance = float(ranges_m[scan, beam])
-            if math.isnan(distance):
-                continue
-            is_hit = 0.0 <= distance <= usable_m[geometry]
-            length = min(abs(distance), usable_m[geometry]) / resolution_m
-            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
-            dx = length * (cos * direction_x - sin * direction_y)
-            dy = length * (sin * direction_x + cos * direction_y)
-            end_col, end_row = int(math.floor(x0 + dx)), int(math.floor(y0 + dy))
-            if is_hit and 0 <= end_row < rows and 0 <= end_col < cols:
-                weight = float(weights[scan, beam])
-                if math.isnan(weight):
-                    weight = 1.0
-                static = int(round(weight * FIXED_ONE))
-                static_hits[end_row, end_col] += sign * static
-                dynamic_hits[end_row, end_col] += sign * (int(FIXED_ONE) - static)
-                offset_x[end_row, end_col] += sign * int(round(weight * (x0 + dx - end_col) * FIXED_ONE))
-                offset_y[end_row, end_col] += sign * int(round(weight * (y0 + dy - end_row) * FIXED_ONE))
-            # The end cell is not passed: the ray is cut where it enters it.
-            cut = 0.0
-            if dx != 0.0:
-                cut = max(cut, ((end_col if dx > 0 else end_col + 1) - x0) / dx)
-            if dy != 0.0:
-                cut = max(cut, ((end_row if dy > 0 else end_row + 1) - y0) / dy)
-            enter, leave = _clip(x0, dx, 0.0, float(cols), 0.0, min(cut, 1.0))
-            enter, leave = _clip(y0, dy, 0.0, float(rows), enter, leave)
-            if leave <= enter:
-                continue
-            ax, ay = x0 + enter * dx, y0 + enter * dy
-            bx, by = x0 + leave * dx, y0 + leave * dy
-            ax, bx = min(max(ax, 0.0), float(cols)), min(max(bx, 0.0), float(cols))
-            ay, by = min(max(ay, 0.0), float(rows)), min(max(by, 0.0), float(rows))
-            if abs(dx) >= abs(dy):
-                _add_ray(along_cols, ax, ay, bx, by, sign)
-            else:
-                _add_ray(along_rows, ay, ax, by, bx, sign)
-
-
-@kernel
-def find_end_cells(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    rows: int,
-    cols: int,
-    out: I32,
-) -> None:
-    """Write the flat index row * cols + col of the cell each beam ends in, -1 where it ends in none.
-
-    The arguments are those of `count_scans`; out is (n_scans, n_beams) int32.
-    """
-    for scan in range(ranges_m.shape[0]):
         geometry = geometry_index[scan]
-        yaw = poses[scan, 2]
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        robot_x, robot_y = poses[scan, 0], poses[scan, 1]
-        x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-        interval_s = beam_interval_s[geometry]
-        for beam in range(ranges_m.shape[1]):
-            if interval_s != 0.0:
-                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
-                cos, sin = (
-                    math.cos(yaw + elapsed_s * twists[scan, 2]),
-                    math.sin(yaw + elapsed_s * twists[scan, 2]),
-                )
-                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-            out[scan, beam] = -1
-            distance = float(ranges_m[scan, beam])
-            if not (0.0 <= distance <= usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
-                continue
-            length = distance / resolution_m
-            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
-            col = int(math.floor(x0 + length * (cos * direction_x - sin * direction_y)))
-            row = int(math.floor(y0 + length * (sin * direction_x + cos * direction_y)))
-            if 0 <= row < rows and 0 <= col < cols:
-                out[scan, beam] = row * cols + col
+        place_beams(
+            ranges_m[scan],
+            directions[geometry],
+            sensor_poses[geometry],
+            usable_m[geometry],
+            beam_interval_s[geometry],
+            twists[scan],
+            poses[scan],
+            resolution_m,
+            origin_x_m,
+            origin_y_m,
+            beams,
+        )
+        cells_of_hits(beams, rows, cols, cells)
+        _weigh_hits(beams, weights[scan], sign, values)
+        _find_runs(beams, rows, cols, sign, runs, entries)
+        _add_hits(cells, values, sign, hits)
+        _add_ends(entries, ends)
+        _add_crossings(runs, entries, crossings)
 
 
 @kernel
-def widen_bounds(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    poses: F64,
-    bounds: F64,
-) -> None:
-    """Widen bounds until they hold all end points of some scans.
+def _weigh_hits(beams: F64, weights: F32, sign: int, values: I64) -> None:
+    """Fixed-point values (3, n_beams): e, and e times the offset of the end point from the corner of its cell."""
+    one = sign * FIXED_ONE
+    for beam in range(weights.shape[0]):
+        x = beams[START_X, beam] + beams[LENGTH, beam] * beams[STEP_X, beam]
+        y = beams[START_Y, beam] + beams[LENGTH, beam] * beams[STEP_Y, beam]
+        weight = float(weights[beam])
+        weight = 1.0 if math.isnan(weight) else weight
+        values[0, beam] = int(np.rint(weight * one))
+        values[1, beam] = int(np.rint(weight * (x - np.floor(x)) * one))
+        values[2, beam] = int(np.rint(weight * (y - np.floor(y)) * one))
+
+
+@kernel
+def _add_hits(cells: I64, values: I64, sign: int, hits: I64) -> None:
+    """Add the values of the beams that end in a cell."""
+    one = sign * int(FIXED_ONE)
+    for beam in range(cells.shape[0]):
+        if cells[beam] >= 0:
+            cell = np.uint64(cells[beam])
+            static = values[0, beam]
+            hits[cell, STATIC] += static
+            hits[cell, DYNAMIC] += one - static
+            hits[cell, OFFSET_X] += values[1, beam]
+            hits[cell, OFFSET_Y] += values[2, beam]
+
+
+@kernel
+def _find_runs(beams: F64, rows: int, cols: int, sign: int, runs: F64, entries: I64) -> None:
+    """Work out what each ray writes: where it is cut, its rows, its crossings, its length per cell.
+
+    A ray is cut where it enters its end cell, which is not passed, and to the grid.
 
     Parameters
     ----------
-    ranges_m, geometry_index, directions, sensor_poses, usable_m, poses
-        As for `count_scans`.
-    bounds : (4,) float64
-        Least x and y, largest x and y, map frame, metres.
+    beams : (BEAM_ROWS, n_beams) float64
+    rows, cols, sign : int
+    runs : (3, n_beams) float64
+        Where along the major axis the ray crosses into the first row of those it crosses, in ascending order; how
+        far on the next crossing is; the fixed-point length per cell, negative if the ray descends.
+    entries : (8, n_beams) int64
+        Length per cell; for either end its entry and the part of the length that belongs to the entry after it;
+        the entries at which the first row that is crossed into, and the row after the last one, begin, and their
+        distance. A ray that passes nothing has -1 as the row after the last one.
     """
-    for scan in range(ranges_m.shape[0]):
-        geometry = geometry_index[scan]
-        x0, y0, yaw = poses[scan, 0], poses[scan, 1], poses[scan, 2]
-        if not math.isfinite(x0 + y0 + yaw):
-            continue
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        for beam in range(ranges_m.shape[1]):
-            distance = float(ranges_m[scan, beam])
-            if not (0.0 <= distance <= usable_m[geometry]):
-                continue
-            local_x = sensor_poses[geometry, 0] + distance * directions[geometry, beam, 0]
-            local_y = sensor_poses[geometry, 1] + distance * directions[geometry, beam, 1]
-            x, y = x0 + cos * local_x - sin * local_y, y0 + sin * local_x + cos * local_y
-            bounds[0], bounds[1] = min(bounds[0], x), min(bounds[1], y)
-            bounds[2], bounds[3] = max(bounds[2], x), max(bounds[3], y)
+    y_grid = (rows + 1) * (cols + 2)
+    for beam in range(beams.shape[1]):
+        x0, y0, length = beams[START_X, beam], beams[START_Y, beam], beams[LENGTH, beam]
+        dx, dy = beams[STEP_X, beam], beams[STEP_Y, beam]
+        per_x = 1.0 / dx if dx != 0.0 else _STEEPEST
+        per_y = 1.0 / dy if dy != 0.0 else _STEEPEST
+        left, right, low, high = -x0 * per_x, (cols - x0) * per_x, -y0 * per_y, (rows - y0) * per_y
+        enter = max(0.0, min(left, right), min(low, high))
+        leave = min(length, max(left, right), max(low, high))
+        end_col, end_row = np.floor(x0 + length * dx), np.floor(y0 + length * dy)
+        cut_x = ((end_col if dx >= 0.0 else end_col + 1.0) - x0) * per_x
+        cut_y = ((end_row if dy >= 0.0 else end_row + 1.0) - y0) * per_y
+        is_inside = 0.0 <= end_col < cols and 0.0 <= end_row < rows
+        leave = max(cut_x, cut_y) if is_inside else leave
+
+        by_x = abs(dx) >= abs(dy)
+        u0, v0 = (x0 if by_x else y0), (y0 if by_x else x0)
+        du, dv = (dx if by_x else dy), (dy if by_x else dx)
+        per_u, per_v = (per_x if by_x else per_y), (per_y if by_x else per_x)
+        n_u, n_v = (cols if by_x else rows), (rows if by_x else cols)
+        first_row = np.floor(v0 + enter * dv)
+        # Cut by its end cell a ray ends in that cell's row, or in the row before.
+        cut_u, cut_v = (cut_x if by_x else cut_y), (cut_y if by_x else cut_x)
+        back = (1.0 if dv > 0.0 else -1.0) if cut_v > cut_u else 0.0
+        last_row = (end_row if by_x else end_col) - back if is_inside else np.floor(v0 + leave * dv)
+        is_passing = leave > enter and min(first_row, last_row) < n_v
+        first_row, last_row = min(max(first_row, 0.0), n_v - 1.0), min(max(last_row, 0.0), n_v - 1.0)
+
+        u_from, u_to = min(max(u0 + enter * du, 0.0), n_u), min(max(u0 + leave * du, 0.0), n_u)
+        crossed = min(first_row, last_row) + 1.0
+        slope = du * per_v
+        at = min(max(u0 + (crossed - v0) * slope, min(u_from, u_to)), max(u_from, u_to))
+        grid, stride = (0 if by_x else y_grid), n_u + 2
+        unit = np.rint(sign * FIXED_ONE * per_u)
+        entries[_UNIT, beam] = int(unit)
+        entries[_FROM, beam] = grid + int(first_row) * stride + int(u_from)
+        entries[_FROM_RIGHT, beam] = int((u_from - np.floor(u_from)) * unit)
+        entries[_TO, beam] = grid + int(last_row) * stride + int(u_to)
+        entries[_TO_RIGHT, beam] = int((u_to - np.floor(u_to)) * unit)
+        runs[_CROSSING, beam], runs[_SLOPE, beam] = at, slope
+        runs[_SIGNED_UNIT, beam] = unit if last_row > first_row else -unit
+        entries[_ROW, beam] = grid + int(crossed) * stride
+        after = grid + (int(max(first_row, last_row)) + 1) * stride
+        entries[_AFTER, beam] = after if is_passing else -1
+        entries[_STRIDE, beam] = stride
 
 
 @kernel
-def cut_at_walls(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
+def _add_ends(entries: I64, ends: I64) -> None:
+    """Write the ends of the rays; the length per cell is split between the cells before and after a position.
+
+    Indices are made unsigned here and below, as they are never counted from the end.
+    """
+    for beam in range(entries.shape[1]):
+        if entries[_AFTER, beam] >= 0:
+            unit = entries[_UNIT, beam]
+            entry, right = entries[_FROM, beam], entries[_FROM_RIGHT, beam]
+            ends[np.uint64(entry)] += unit - right
+            ends[np.uint64(entry + 1)] += right
+            entry, right = entries[_TO, beam], entries[_TO_RIGHT, beam]
+            ends[np.uint64(entry)] -= unit - right
+            ends[np.uint64(entry + 1)] -= right
+
+
+@kernel
+def _add_crossings(runs: F64, entries: I64, crossings: I64) -> None:
+    """Write the crossings of the rays."""
+    for beam in range(runs.shape[1]):
+        at, slope, unit = runs[_CROSSING, beam], runs[_SLOPE, beam], runs[_SIGNED_UNIT, beam]
+        row, after, stride = entries[_ROW, beam], entries[_AFTER, beam], entries[_STRIDE, beam]
+        whole = int(unit)
+        while row < after:
+            col = np.floor(at)
+            right = int((at - col) * unit)
+            entry = row + int(col)
+            crossings[np.uint64(entry)] += whole - right
+            crossings[np.uint64(entry + 1)] += right
+            row += stride
+            at += slope
+
+
+@kernel
+def add_sums(theirs: I64, first: int, last: int, mine: I64) -> None:
+    """Add a part of some sums (n,) to others; what is 0 is not written, so that its memory is never claimed."""
+    for index in range(first, last):
+        if theirs[index] != 0:
+            mine[index] += theirs[index]
+
+
+@kernel
+def sum_along_x(ends: I64, crossings: I64, first: int, last: int, passed: I64) -> None:
+    """Add to some rows of `passed` (rows, cols) the lengths of the rays whose major axis is x; 0 is not written."""
+    for row in range(first, last):
+        length = 0
+        for col in range(passed.shape[1]):
+            length += ends[row, col] + crossings[row, col] - crossings[row + 1, col]
+            if length != 0:
+                passed[row, col] += length
+
+
+@kernel
+def sum_along_y(ends: I64, crossings: I64, first: int, last: int, passed: I64) -> None:
+    """Add to some columns of `passed` (rows, cols) the lengths of the rays whose major axis is y; likewise."""
+    lengths = np.empty(_COLS_AT_ONCE, dtype=np.int64)
+    for start in range(first, last, _COLS_AT_ONCE):
+        lengths[:] = 0
+        stop = min(start + _COLS_AT_ONCE, last)
+        for row in range(passed.shape[0]):
+            for col in range(start, stop):
+                lengths[col - start] += ends[col, row] + crossings[col, row] - crossings[col + 1, row]
+                if lengths[col - start] != 0:
+                    passed[row, col] += lengths[col - start]
+
+
+@kernel
+def scale_sums(
+    hits: I64,
+    lengths: I64,
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
-    is_wall: U8,
-    out: F32,
+    first: int,
+    last: int,
+    static_hits: F64,
+    dynamic_hits: F64,
+    passed_cells: F64,
+    centroids_m: F64,
 ) -> None:
-    """Write how far beams without return pass before they meet a wall that others see; NaN for all other beams.
+    """Turn some rows of the fixed-point sums into those of a counting map, where they are not 0.
 
-    Parameters
-    ----------
-    ranges_m ... origin_y_m
-        As for `count_scans`.
-    is_wall : (rows, cols) uint8
-        1 where a beam cannot have passed.
-    out : (n_scans, n_beams) float32
-        Minus the distance in metres.
+    Rounding can leave a length a few units below 0.
     """
-    rows, cols = is_wall.shape
-    for scan in range(ranges_m.shape[0]):
-        geometry = geometry_index[scan]
-        yaw = poses[scan, 2]
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        robot_x, robot_y = poses[scan, 0], poses[scan, 1]
-        x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-        interval_s = beam_interval_s[geometry]
-        for beam in range(ranges_m.shape[1]):
-            if interval_s != 0.0:
-                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
-                cos, sin = (
-                    math.cos(yaw + elapsed_s * twists[scan, 2]),
-                    math.sin(yaw + elapsed_s * twists[scan, 2]),
-                )
-                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-            out[scan, beam] = math.nan
-            if not (ranges_m[scan, beam] > usable_m[geometry]) or not math.isfinite(x0 + y0 + yaw):
-                continue
-            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
-            dx = cos * direction_x - sin * direction_y
-            dy = sin * direction_x + cos * direction_y
-            length = usable_m[geometry] / resolution_m
-            t = 0.0
-            while t < length:
-                col, row = int(math.floor(x0 + t * dx)), int(math.floor(y0 + t * dy))
-                if 0 <= row < rows and 0 <= col < cols and is_wall[row, col]:
-                    break
-                t += 0.7
-            out[scan, beam] = -max(min(t, length) - 1.0, 0.0) * resolution_m
+    cols = lengths.shape[1]
+    for row in range(first, last):
+        for col in range(cols):
+            cell = row * cols + col
+            static, dynamic = hits[cell, STATIC], hits[cell, DYNAMIC]
+            if lengths[row, col] > 0:
+                passed_cells[row, col] = lengths[row, col] / FIXED_ONE
+            if dynamic != 0:
+                dynamic_hits[row, col] = dynamic / FIXED_ONE
+            if static != 0:
+                static_hits[row, col] = static / FIXED_ONE
+                centroids_m[row, col, 0] = origin_x_m + (col + hits[cell, OFFSET_X] / static) * resolution_m
+                centroids_m[row, col, 1] = origin_y_m + (row + hits[cell, OFFSET_Y] / static) * resolution_m

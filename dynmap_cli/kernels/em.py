@@ -46,3 +46,21 @@ def look_up(end_cells: I32, cell_values: F32, out: F32) -> None:
         for beam in range(end_cells.shape[1]):
             cell = end_cells[scan, beam]
             out[scan, beam] = cell_values[cell] if cell >= 0 else math.nan
+
+
+@kernel
+def add_to_cells(end_cells: I32, values: F32, out: F64) -> None:
+    """Add the value of each beam to its end cell.
+
+    Parameters
+    ----------
+    end_cells : (n_scans, n_beams) int32
+        Flat index of the end cell, -1 = none.
+    values : (n_scans, n_beams) float32
+    out : (n_cells,) float64
+    """
+    for scan in range(end_cells.shape[0]):
+        for beam in range(end_cells.shape[1]):
+            cell = end_cells[scan, beam]
+            if cell >= 0:
+                out[cell] += values[scan, beam]

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
-from dynmap_cli.kernels.matching import thin_points
+from dynmap_cli.kernels.matching import SCORES, thin_points
 
 CELL_M = 0.05
 SIZE, MASK = 2048, 2047
@@ -191,9 +191,8 @@ def draw_local_map(points: F32, count: int, draw: int, index: I32, field: U8, co
                 index[r, c] = k if draw else -1
         for dr in range(-2, 3):
             for dc in range(-2, 3):
-                value = int(255.0 * math.exp(-0.35 * (dr * dr + dc * dc))) if draw else 0
                 r, c = (row + dr) & MASK, (col + dc) & MASK
-                field[r, c] = max(int(field[r, c]), value) if draw else 0
+                field[r, c] = max(field[r, c], SCORES[dr * dr + dc * dc]) if draw else 0
         col, row = int(math.floor(points[k, 0] / COARSE_M)), int(math.floor(points[k, 1] / COARSE_M))
         for dr in range(-1, 2):
             for dc in range(-1, 2):

@@ -167,23 +167,23 @@ def refine_local_map(
     if polish == 0:
         best, best_x, best_y, best_yaw = -1, pose[0], pose[1], pose[2]
         sparse = max(stride, count // 150)
+        totals = np.empty((5, 5), np.int64)
         for a in range(-4, 5):
             yaw = pose[2] + 0.0075 * a
             cos, sin = math.cos(yaw), math.sin(yaw)
-            for dy in range(-4, 5, 2):
-                for dx in range(-4, 5, 2):
-                    total = 0
-                    for k in range(0, count, sparse):
-                        col = (
-                            int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / CELL_M)) + dx
-                        )
-                        row = (
-                            int(math.floor((pose[1] + sin * points[k, 0] + cos * points[k, 1]) / CELL_M)) + dy
-                        )
-                        total += field[row & MASK, col & MASK]
-                    if total > best:
-                        best, best_yaw = total, yaw
-                        best_x, best_y = pose[0] + dx * CELL_M, pose[1] + dy * CELL_M
+            totals[:] = 0
+            for k in range(0, count, sparse):
+                col = int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / CELL_M)) - 4
+                row = int(math.floor((pose[1] + sin * points[k, 0] + cos * points[k, 1]) / CELL_M)) - 4
+                for i in range(5):
+                    r = (row + 2 * i) & MASK
+                    for j in range(5):
+                        totals[i, j] += field[r, (col + 2 * j) & MASK]
+            for i in range(5):
+                for j in range(5):
+                    if totals[i, j] > best:
+                        best, best_yaw = totals[i, j], yaw
+                        best_x, best_y = pose[0] + (2 * j - 4) * CELL_M, pose[1] + (2 * i - 4) * CELL_M
         pose[0], pose[1], pose[2] = best_x, best_y, best_yaw
     squared = weight_sum = 0.0
     for iteration in range(12):

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
 
@@ -20,6 +22,10 @@ NORMAL_RADIUS = 3
 FIELD_RADIUS = 2
 HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
+SCORES: U8 = np.append((HIT * np.exp(-0.35 * np.arange(2 * FIELD_RADIUS**2 + 1))), 0.0).astype(np.uint8)
+"""Score of a cell by its squared distance from the nearest hit, cells; the last entry is for none within reach."""
+LANES = 8
+"""Cells of a row that are added at once."""
 
 
 @kernel
@@ -81,19 +87,33 @@ def thin_points(
 
 
 @kernel
-def _refresh_field(sums: I64, field: U8, row: int, col: int) -> None:
-    """Set the score of a cell: 255 where something was hit, less next to it (radius FIELD_RADIUS)."""
-    best = 0
+def _add_to_field(field: U8, row: int, col: int) -> None:
+    """Score a cell in which something was hit, and the cells within FIELD_RADIUS of it."""
     for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
         for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-            if sums[(row + dr) & MASK, (col + dc) & MASK, 0] > 0:
-                value = int(255.0 * math.exp(-0.35 * (dr * dr + dc * dc)))
-                best = max(best, value)
-    field[row & MASK, col & MASK] = best
+            r, c = (row + dr) & MASK, (col + dc) & MASK
+            field[r, c] = max(field[r, c], SCORES[dr * dr + dc * dc])
 
 
 @kernel
-def refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
+def _take_from_field(field: U8, row: int, col: int) -> None:
+    """Score the cells within FIELD_RADIUS of one that is not hit any more by what is left around them."""
+    field[row, col] = 0
+    for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+        for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+            r, c = (row + dr) & MASK, (col + dc) & MASK
+            if field[r, c] == HIT:
+                continue
+            nearest = SCORES.size - 1
+            for dr2 in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                for dc2 in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
+                    if field[(r + dr2) & MASK, (c + dc2) & MASK] == HIT:
+                        nearest = min(nearest, dr2 * dr2 + dc2 * dc2)
+            field[r, c] = SCORES[nearest]
+
+
+@kernel
+def refresh_line(sums: I64, lines: F32, field: U8, row: int, col: int) -> None:
     """Set the normal of the line through the centroids around a cell; (0, 0) where there is no line."""
     lines[row, col, 2] = 0.0
     lines[row, col, 3] = 0.0
@@ -102,8 +122,8 @@ def refresh_line(sums: I64, lines: F32, row: int, col: int) -> None:
     for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
         for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
             r, c = (row + dr) & MASK, (col + dc) & MASK
-            hits = sums[r, c, 0]
-            if hits > 0:
+            if field[r, c] == HIT:
+                hits = sums[r, c, 0]
                 weight = min(float(hits) / ONE, 4.0)
                 x = dc + float(sums[r, c, 1]) / hits
                 y = dr + float(sums[r, c, 2]) / hits
@@ -176,18 +196,42 @@ def insert_points(
             lines[r, c, 0] = float(sums[r, c, 1]) / hits
             lines[r, c, 1] = float(sums[r, c, 2]) / hits
         if before <= 0 < hits:
-            for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                    score = int(HIT * math.exp(-0.35 * (dr * dr + dc * dc)))
-                    r2, c2 = (r + dr) & MASK, (c + dc) & MASK
-                    field[r2, c2] = max(int(field[r2, c2]), score)
+            _add_to_field(field, r, c)
         elif hits <= 0 < before:
-            for dr in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                for dc in range(-FIELD_RADIUS, FIELD_RADIUS + 1):
-                    _refresh_field(sums, field, (r + dr) & MASK, (c + dc) & MASK)
+            _take_from_field(field, r, c)
         for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
             for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
                 stale[(r + dr) & MASK, (c + dc) & MASK] = 1
+
+
+@kernel
+def add_window(field: U8, row: int, col: int, n_rows: int, step_rows: int, n_cols: int, scores: I32) -> None:
+    """Add a window of a torus of scores to sums; whole runs of LANES cells, for the processor adds that many at once.
+
+    Parameters
+    ----------
+    field : (size, size) uint8
+        The torus; its size is a power of two.
+    row, col : int
+        First cell of the window.
+    n_rows, step_rows : int
+        Rows row, row + step, ... are added.
+    n_cols : int
+    scores : (n, m) int32
+        n at least n_rows, m at least n_cols rounded up to whole runs; what lies beyond n_cols means nothing.
+    """
+    mask = field.shape[0] - 1
+    c0 = col & mask
+    whole = (n_cols + LANES - 1) // LANES * LANES
+    for i in range(n_rows):
+        r = (row + i * step_rows) & mask
+        # The first condition always holds; it tells the compiler that no index counts from the end.
+        if c0 >= 0 and c0 + whole <= field.shape[0]:
+            for j in range(whole):
+                scores[i, j] += field[r, c0 + j]
+        else:
+            for j in range(n_cols):
+                scores[i, j] += field[r, (c0 + j) & mask]
 
 
 @kernel
@@ -219,8 +263,8 @@ def correlate(
         Shifts -reach, -reach + step, ... are tried along x and y.
     cell_m : float
     field : (SIZE, SIZE) uint8
-    scores : (side, side) int32
-        Scratch; side = 2 * (reach // step) + 1.
+    scores : (side, width) int32
+        Scratch; side at least 2 * (reach // step) + 1, width at least 2 * reach + LANES.
     costs : (2,) float64
         Loss of mean score (0 to 1) per squared metre of shift, and per squared radian of turn.
     out : (3,) float64
@@ -233,29 +277,20 @@ def correlate(
     """
     side = 2 * (reach_cells // step_cells) + 1
     first = -(reach_cells // step_cells) * step_cells
+    width = 1 - 2 * first
     best, best_score = -1e9, 0.0
     for turn in range(int(math.floor(2.0 * half_turn_rad / step_rad + 1e-9)) + 1):
         angle = -half_turn_rad + turn * step_rad
         cos, sin = math.cos(pose[2] + angle), math.sin(pose[2] + angle)
-        for i in range(side):
-            for j in range(side):
-                scores[i, j] = 0
+        scores[:side, :] = 0
         for k in range(count):
             col = int(math.floor((pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m))
             row = int(math.floor((pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m))
-            c0 = (col + first) & MASK
-            for i in range(side):
-                r = (row + first + i * step_cells) & MASK
-                if c0 + side * step_cells <= SIZE:
-                    for j in range(side):
-                        scores[i, j] += field[r, c0 + j * step_cells]
-                else:
-                    for j in range(side):
-                        scores[i, j] += field[r, (c0 + j * step_cells) & MASK]
+            add_window(field, row + first, col + first, side, step_cells, width, scores)
         for i in range(side):
             for j in range(side):
                 dx, dy = (first + j * step_cells) * cell_m, (first + i * step_cells) * cell_m
-                score = scores[i, j] / (255.0 * max(count, 1))
+                score = scores[i, j * step_cells] / (255.0 * max(count, 1))
                 value = score - costs[0] * (dx * dx + dy * dy) - costs[1] * angle * angle
                 if value > best:
                     best, best_score = value, score

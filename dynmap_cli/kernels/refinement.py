@@ -8,7 +8,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64, U8
 from dynmap_cli.kernels.jit import kernel
-from dynmap_cli.kernels.matching import HIT, MASK, refresh_line
+from dynmap_cli.kernels.matching import FIELD_RADIUS, HIT, MASK, refresh_line
 
 BARE, KNOWN_BOTH_WAYS = 0.01, 0.04
 """Information along a corridor as a share of that across: below the one it is noise, above the other it counts."""
@@ -87,9 +87,21 @@ def point_to_line(
         best = (radius_cells + 0.5) ** 2
         best_r = best_c = -1
         best_x = best_y = 0.0
-        for dr in range(-radius_cells, radius_cells + 1):
+        low_r, high_r, low_c, high_c = -radius_cells, radius_cells, -radius_cells, radius_cells
+        r, c = row & MASK, col & MASK
+        if field[r, c] == HIT:
+            # Nothing is nearer than the centroid of the point's own cell but in the cells that it could reach.
+            best_r, best_c = r, c
+            best_x, best_y = col + float(lines[r, c, 0]) - x, row + float(lines[r, c, 1]) - y
+            best = best_x * best_x + best_y * best_y
+            reach = math.sqrt(best)
+            low_r, high_r = int(math.floor(y - reach)) - row, int(math.floor(y + reach)) - row
+            low_c, high_c = int(math.floor(x - reach)) - col, int(math.floor(x + reach)) - col
+        elif radius_cells <= FIELD_RADIUS and field[r, c] == 0:
+            continue
+        for dr in range(low_r, high_r + 1):
             r = (row + dr) & MASK
-            for dc in range(-radius_cells, radius_cells + 1):
+            for dc in range(low_c, high_c + 1):
                 c = (col + dc) & MASK
                 if field[r, c] == HIT:
                     ox = col + dc + float(lines[r, c, 0]) - x
@@ -101,7 +113,7 @@ def point_to_line(
         if best_r < 0:
             continue
         if stale[best_r, best_c]:
-            refresh_line(sums, lines, best_r, best_c)
+            refresh_line(sums, lines, field, best_r, best_c)
             stale[best_r, best_c] = 0
         nx, ny = float(lines[best_r, best_c, 2]), float(lines[best_r, best_c, 3])
         if nx == 0.0 and ny == 0.0:

@@ -15,6 +15,7 @@ from dynmap_cli.kernels.map_fits import MATCHED, RESIDUAL, SEEN
 from dynmap_cli.mapping.front_end import Registered, Sweeps
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
+from dynmap_cli.mapping.places import SAME_VISIT, representatives
 from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, LOOP, PLACED, Edges, join_edges, no_edges, optimise
 from dynmap_cli.mapping.repair import State, repair
 
@@ -356,18 +357,32 @@ def _dense_edges(
 
 
 def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
-    """For each local map the key scans that are to be fitted on it: per key scan the nearest maps of each pass."""
+    """For each local map the key scans that are to be fitted on it.
+
+    Those are, for a key scan, its own map, the nearest of those that stand for the place, and the nearest of all
+    others, each of another visit.
+    """
+    own = np.searchsorted((anchors[1:] + anchors[:-1]) / 2, np.arange(poses.shape[0])).tolist()
+    standing = _nearest(poses, anchors, representatives(poses[anchors]))
+    others = _nearest(poses, anchors, np.arange(anchors.size))
     pairs: list[list[int]] = [[] for _ in anchors]
-    tree = cKDTree(poses[anchors, :2])
-    n_nearest = min(8 * _DENSE_PARTNERS, anchors.size)
-    _, nearest = tree.query(poses[:, :2], k=[*range(1, n_nearest + 1)], distance_upper_bound=_DENSE_REACH_M)
-    for node, candidates in enumerate(nearest.tolist()):
-        chosen: list[int] = []
-        for number in candidates:
-            if number == anchors.size or len(chosen) == _DENSE_PARTNERS:
-                break
-            if anchors[number] != node and all(abs(number - other) > 2 for other in chosen):
-                chosen.append(number)
+    for node, candidates in enumerate(zip(own, standing, others, strict=True)):
+        chosen = [candidates[0]]
+        for n_wanted, numbers in ((2, candidates[1]), (_DENSE_PARTNERS, candidates[2])):
+            for number in numbers:
+                if number < 0 or len(chosen) == n_wanted:
+                    break
+                if all(abs(number - other) > SAME_VISIT for other in chosen):
+                    chosen.append(number)
         for number in chosen:
-            pairs[number].append(node)
+            if anchors[number] != node:
+                pairs[number].append(node)
     return [np.array(nodes, dtype=np.int64) for nodes in pairs]
+
+
+def _nearest(poses: F64, anchors: I64, numbers: I64) -> list[list[int]]:
+    """For each key scan those of some local maps that are within reach, nearest first; -1 = no more."""
+    k = min(8 * _DENSE_PARTNERS, numbers.size)
+    tree = cKDTree(poses[anchors[numbers], :2])
+    _, rows = tree.query(poses[:, :2], k=[*range(1, k + 1)], distance_upper_bound=_DENSE_REACH_M)
+    return list(np.append(numbers, -1)[rows].tolist())

@@ -85,7 +85,7 @@ class Sweeps:
     Attributes
     ----------
     ranges_m, weights : (n_scans, n_beams) float32
-        Ranges, and e of each beam (NaN = not known yet, counts as 1).
+        Ranges, and e of each beam (NaN = not known yet, counts as 1; 0 where it is called dynamic).
     geometry_index : (n_scans,) int32
     odometry : (n_scans, 3) float64
     times_s : (n_scans,) float64
@@ -120,12 +120,18 @@ class Sweeps:
 
 
 def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
-    """Columns in the order in which the sweeps were made; *weights* are in the order of the log."""
+    """Columns in the order in which the sweeps were made; *weights* are in the order of the log.
+
+    Beams that are called dynamic weigh nothing: a cell of the local map is one that was hit, however little it was,
+    so that the trails of a crowd would attract scans.
+    """
     order = np.argsort(log.arrival_index, kind="stable")
     ranges = np.array(log.ranges_m[order])
     return Sweeps(
         ranges_m=ranges,
-        weights=np.full_like(ranges, np.nan) if weights is None else np.array(weights[order]),
+        weights=np.full_like(ranges, np.nan)
+        if weights is None
+        else np.where(weights[order] < 0.5, np.float32(0.0), weights[order]),
         geometry_index=np.array(log.geometry_index[order]),
         odometry=np.array(log.odometry[order]),
         times_s=times_of(log),

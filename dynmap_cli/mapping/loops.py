@@ -9,16 +9,20 @@ from itertools import product
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
-from dynmap_cli.arrays import F64, I32
+from dynmap_cli.arrays import B1, F64, I32, I64
 from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
 from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
+from dynmap_cli.mapping.places import SAME_VISIT, representatives
 
 WINDOWS_M = (1.0, 3.0, 8.0, 12.0)
 _WEAK_SHARE = 0.03
 MAX_ROUNDS = 9
 _NEIGHBOURS = 4
 _RETRY_TURN_RAD = 0.35
+_TURN_RAD, _TURN_RADPM, _MAX_TURN_RAD = 0.015, 0.002, 0.7
+_SOURCES = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +53,7 @@ class LoopParams:
     margin: float = 0.9
     overlap_m: float = 4.0
     min_detour_m: float = 10.0
-    n_partners: int = 4
+    n_partners: int = 3
     drift_share: float = 0.02
 
 
@@ -110,21 +114,18 @@ class LoopSearch:
             map_from_anchor of the local maps, as the graph has them now.
         window_m : float
         """
-        detours = np.asarray(dijkstra(self.ways(poses), directed=False))
         found: list[Loop] = []
-        for fixed in range(len(self.maps)):
-            guesses = between(poses[fixed], poses[: fixed + 1])
-            for moved in self._partners(poses, detours, fixed, window_m):
-                detour = float(detours[fixed, moved])
-                reach = float(np.clip(2.5 * (0.05 + self.params.drift_share * detour), 0.4, window_m))
-                turn = float(np.clip(2.5 * (0.015 + 0.002 * detour), 0.06, 0.7))
-                guess = guesses[moved]
-                if (fixed, moved) in self.banned or self._was_tried(fixed, moved, reach, guess):
-                    continue
-                self._tried[fixed, moved] = (reach, guess)
-                loop = self._try(fixed, moved, guess, reach, turn)
-                if loop is not None:
-                    found.append(loop)
+        pairs, detours = self._partners(poses, window_m)
+        reaches = np.clip(2.5 * (0.05 + self.params.drift_share * detours), 0.4, window_m).tolist()
+        turns = np.clip(2.5 * (_TURN_RAD + _TURN_RADPM * detours), 0.06, _MAX_TURN_RAD).tolist()
+        guesses = between(poses[pairs[:, 0]], poses[pairs[:, 1]])
+        for (fixed, moved), guess, reach, turn in zip(pairs.tolist(), guesses, reaches, turns, strict=True):
+            if (fixed, moved) in self.banned or self._was_tried(fixed, moved, reach, guess):
+                continue
+            self._tried[fixed, moved] = (reach, guess)
+            loop = self._try(fixed, moved, guess, reach, turn)
+            if loop is not None:
+                found.append(loop)
         return self._accept(found, poses)
 
     def retry(self, pairs: list[tuple[int, int]], poses: F64, window_m: float) -> int:
@@ -156,11 +157,13 @@ class LoopSearch:
         """Share of pairs of nearby maps with a quarter of one's points in the other's free space, and these pairs."""
         bad: list[tuple[int, int]] = []
         n_pairs = 0
-        centres = poses[:, :2]
+        shown = representatives(poses)
+        around = cKDTree(poses[shown, :2]).query_ball_point(
+            poses[:, :2], self.params.overlap_m, return_sorted=True
+        )
         for fixed in range(len(self.maps)):
-            distance = np.linalg.norm(centres - centres[fixed], axis=1)
-            near = np.nonzero(distance < self.params.overlap_m)[0]
-            near = near[np.abs(near - fixed) > 2]
+            near = shown[around[fixed]]
+            near = near[np.abs(near - fixed) > SAME_VISIT]
             if near.size == 0:
                 continue
             self._easel.draw(self.maps[fixed])
@@ -196,22 +199,52 @@ class LoopSearch:
         lengths = np.concatenate([steps[within] + 0.2, np.full(len(self.loops), 1.0)])
         return sparse.coo_matrix((lengths, (first, second)), shape=(n_maps, n_maps)).tocsr()
 
-    def _partners(self, poses: F64, detours: F64, fixed: int, window_m: float) -> list[int]:
-        """Earlier maps that may show the same place: near, far through the graph, spread over passes."""
-        distance = np.linalg.norm(poses[:fixed, :2] - poses[fixed, :2], axis=1)
-        uncertain = np.minimum(2.5 * self.params.drift_share * detours[fixed, :fixed], window_m)
-        allowed = distance < self.params.overlap_m + uncertain
-        if self.drives[-1] == 0:
-            allowed &= detours[fixed, :fixed] > self.params.min_detour_m
-        else:
-            allowed &= self.drives[:fixed] != self.drives[fixed]
+    def _partners(self, poses: F64, window_m: float) -> tuple[I64, F64]:
+        """Pairs that may show the same place: near, far through the graph, spread over visits.
+
+        Returns
+        -------
+        pairs : (n, 2) int64
+            Number of a map and of an earlier one that stands for a place.
+        detours : (n,) float64
+            Ways between them through the graph; inf = so long that windows no longer grow with it.
+        """
+        share = 2.5 * self.params.drift_share
+        limit = max(window_m / share, (_MAX_TURN_RAD / 2.5 - _TURN_RAD) / _TURN_RADPM)
+        ways, numbers = self.ways(poses), np.arange(len(self.maps))
+        found = []
+        shown = representatives(poses)
+        for part in np.array_split(shown, -(-shown.size // _SOURCES)):
+            detours = np.asarray(dijkstra(ways, directed=False, indices=part, limit=limit))
+            distance = np.hypot(*(poses[:, axis] - poses[part, axis, None] for axis in (0, 1)))
+            allowed = distance < self.params.overlap_m + np.minimum(share * detours, window_m)
+            allowed &= numbers > part[:, None]
+            if self.drives[-1] == 0:
+                allowed &= detours > self.params.min_detour_m
+            else:
+                allowed &= self.drives != self.drives[part, None]
+            row, fixed = np.nonzero(allowed)
+            found.append((fixed, part[row], distance[allowed], detours[allowed]))
+        fixed, moved, distance, detour = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        order = np.lexsort((moved, distance, fixed))
+        fixed, moved = fixed[order], moved[order]
+        chosen = self._spread_over_visits(fixed.tolist(), moved.tolist())
+        return np.column_stack([fixed[chosen], moved[chosen]]), detour[order][chosen]
+
+    def _spread_over_visits(self, fixed: list[int], moved: list[int]) -> list[int]:
+        """Rows of the first partners of each map, no two of the same visit; the rows of a map stand together."""
+        chosen: list[int] = []
         partners: list[int] = []
-        for candidate in np.nonzero(allowed)[0][np.argsort(distance[allowed], kind="stable")]:
-            if all(abs(int(candidate) - other) > 2 for other in partners):
-                partners.append(int(candidate))
-            if len(partners) == self.params.n_partners:
-                break
-        return partners
+        before = -1
+        for row, (number, other) in enumerate(zip(fixed, moved, strict=True)):
+            if number != before:
+                before, partners = number, []
+            if len(partners) < self.params.n_partners and all(
+                abs(other - one) > SAME_VISIT for one in partners
+            ):
+                partners.append(other)
+                chosen.append(row)
+        return chosen
 
     def _try(self, fixed: int, moved: int, guess: F64, reach_m: float, turn_rad: float) -> Loop | None:
         """Search one pair; the best place has to fit, and to be the only one."""
@@ -256,7 +289,7 @@ class LoopSearch:
         needed = 0 if loop.shift_m < 0.5 else 1 if loop.shift_m < 2.0 else 2
         if needed == 0:
             return True
-        return sum(is_companion(loop, other, poses) for other in near.around(loop)) >= needed
+        return int(are_companions(loop, list(near.around(loop)), poses).sum()) >= needed
 
 
 def why_not(fit: Fit, params: LoopParams) -> str:
@@ -291,14 +324,18 @@ class _NearLoops:
             yield from self._blocks.get(block, ())
 
 
-def is_companion(loop: Loop, other: Loop, poses: F64) -> bool:
-    """Whether another loop joins neighbours of the same maps in the same way."""
-    if other is loop or max(abs(other.fixed - loop.fixed), abs(other.moved - loop.moved)) > _NEIGHBOURS:
-        return False
-    way = compose(between(poses[loop.fixed], poses[other.fixed]), other.fit.pose)
-    way = compose(way, between(poses[other.moved], poses[loop.moved]))
+def are_companions(loop: Loop, others: Sequence[Loop], poses: F64) -> B1:
+    """(n_others,) which other loops join neighbours of the same maps in the same way."""
+    if not others:
+        return np.zeros(0, dtype=bool)
+    fixed, moved = np.array([(other.fixed, other.moved) for other in others]).T
+    way = compose(between(poses[loop.fixed], poses[fixed]), np.array([other.fit.pose for other in others]))
+    way = compose(way, between(poses[moved], poses[loop.moved]))
     error = between(way, loop.fit.pose)
-    return bool(np.hypot(error[0], error[1]) < 0.4 and abs(error[2]) < 0.07)
+    is_other = np.array([other is not loop for other in others])
+    are_neighbours = np.maximum(np.abs(fixed - loop.fixed), np.abs(moved - loop.moved)) <= _NEIGHBOURS
+    agree = (np.hypot(error[:, 0], error[:, 1]) < 0.4) & (np.abs(error[:, 2]) < 0.07)
+    return np.asarray(is_other & are_neighbours & agree)
 
 
 def _far_apart(a: F64, b: F64) -> bool:

@@ -15,6 +15,7 @@ from dynmap_cli.domain.poses import between, wrap_angle
 _MAX_LAG_SCANS, _MAX_LAG_S = 3.0, 0.6
 _ENOUGH_SCANS, _ENOUGH_BACKWARDS = 100, 10
 _STEP_M = 0.02
+_LAG_STEPS, _SMOOTHING = 5, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 _TURN_CAP_RAD = 0.05
 _CLEARLY_LESS = 0.95
 _SCALE_PRIOR_RAD, _BIAS_PRIOR_M = 3.0, 10.0
@@ -219,15 +220,24 @@ def _shifted(odometry: F64, times_s: F64, lag_scans: float, lag_s: float) -> F64
 def _best_lag(
     odometry: F64, times_s: F64, steps: F64, usable: B1, *, in_seconds: bool
 ) -> tuple[float, float]:
-    """Lag with the least residual turn, by a grid and a parabola; returns lag and loss."""
+    """Lag with the least residual turn, by a grid and a parabola; returns lag and loss.
+
+    Headings are smoothed, and turns over several steps are compared. Between two scans odometry is interpolated, which
+    averages the noise of single steps, so without that a lag of half a scan looks better than none where noise is all
+    there is.
+    """
     limit = _MAX_LAG_S if in_seconds else _MAX_LAG_SCANS
     lags = np.linspace(-limit, limit, 61)
+    length = _LAG_STEPS + _SMOOTHING.size - 1
+    whole = np.convolve(usable, np.ones(length), mode="valid") > length - 0.5
+    if int(whole.sum()) < _ENOUGH_SCANS:
+        return 0.0, 0.0
+    found = _smooth_turns(np.concatenate([[0.0], np.cumsum(steps[:, 2])]))[whole]
     losses = np.empty(lags.size)
     for k, lag in enumerate(lags):
         shifted = _shifted(odometry, times_s, 0.0 if in_seconds else lag, lag if in_seconds else 0.0)
-        turns = wrap_angle(np.diff(shifted[:, 2]))
-        residual = np.abs(wrap_angle(steps[:, 2] - turns))[usable]
-        losses[k] = np.minimum(residual, _TURN_CAP_RAD).mean()
+        residual = np.abs(found - _smooth_turns(np.unwrap(shifted[:, 2]))[whole])
+        losses[k] = np.minimum(residual, _TURN_CAP_RAD * np.sqrt(_LAG_STEPS)).mean()
     best = int(np.argmin(losses))
     if not 0 < best < lags.size - 1:
         return 0.0, float(losses[lags.size // 2])
@@ -235,6 +245,12 @@ def _best_lag(
     bend = before - 2.0 * here + after
     offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
     return float(lags[best] + offset * (lags[1] - lags[0])), float(here)
+
+
+def _smooth_turns(headings: F64) -> F64:
+    """Turns over some steps between smoothed headings, one for each run of steps that enters."""
+    smooth = np.convolve(headings, _SMOOTHING, mode="valid")
+    return np.asarray(smooth[_LAG_STEPS:] - smooth[:-_LAG_STEPS])
 
 
 def _robust_turns(turns: F64, distances: F64, found: F64) -> tuple[float, float]:

@@ -8,16 +8,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from dynmap_cli.arrays import F64, I64, U8
 from dynmap_cli.domain.poses import between, wrap_angle
+from dynmap_cli.kernels.block_cholesky import LEAST_PIVOT, add_edges, multiply
+from dynmap_cli.mapping.sparse_factor import SparseFactor
 
 CHAIN, LOOP, DENSE, PLACED = 0, 1, 2, 3
 """Where an edge came from: consecutive key scans, two local maps, a key scan in a local map, two drives."""
 
 _ANCHOR_WEIGHT = 1e10
+_CLOSE_NODES = 20
+_CG_STEPS, _CG_SHARE = 50, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,50 +140,76 @@ def jacobians(poses: F64, edges: Edges) -> tuple[F64, F64]:
 
 
 class _NormalEquations:
-    """The normal equations of a set of edges: where their blocks stand in the sparse matrix is worked out once."""
+    """The normal equations of a set of edges, solved by conjugate gradients.
+
+    They are preconditioned with the Cholesky factor of a core of the graph: the chain, the loops, and what joins nodes
+    that follow one another closely (Dellaert et al., Subgraph-Preconditioned Conjugate Gradients, 2010). The factor of
+    the core stays sparse however often a place is visited, that of the whole graph does not. Where all edges are of the
+    core, one step of the conjugate gradients is exact.
+    """
 
     def __init__(self, edges: Edges, n_nodes: int) -> None:
         self._edges, self._n_nodes = edges, n_nodes
-        nodes = np.arange(n_nodes)
-        rows = np.concatenate([edges.first, edges.first, edges.second, edges.second, nodes])
-        cols = np.concatenate([edges.first, edges.second, edges.first, edges.second, nodes])
-        self._order = np.lexsort((rows, cols))
-        place = (cols * n_nodes + rows)[self._order]
-        self._starts = np.flatnonzero(np.diff(place, prepend=-1))
-        block_rows, block_cols = place[self._starts] % n_nodes, place[self._starts] // n_nodes
-        # Blocks of a column stand one under another; each of its three scalar columns takes a row of all of them.
-        per_column = np.bincount(block_cols, minlength=n_nodes)
-        self._indptr = np.concatenate([[0], np.cumsum(np.repeat(3 * per_column, 3))])
-        before = (np.cumsum(per_column) - per_column)[block_cols]
-        number_in_column = np.arange(block_cols.size) - before
-        at = 9 * before[:, None] + 3 * (
-            per_column[block_cols][:, None] * np.arange(3) + number_in_column[:, None]
-        )
-        self._places = at[:, :, None] + np.arange(3)
-        self._indices = np.empty(9 * block_rows.size, dtype=np.int32)
-        self._indices[self._places] = (3 * block_rows[:, None] + np.arange(3))[:, None, :]
-        damping = np.zeros((n_nodes, 3, 3))
-        damping[:, [0, 1, 2], [0, 1, 2]] = 1e-9
-        damping[0, [0, 1, 2], [0, 1, 2]] = _ANCHOR_WEIGHT
-        self._damping = damping
+        smaller, larger = np.minimum(edges.first, edges.second), np.maximum(edges.first, edges.second)
+        pairs, self._pair_of = np.unique(smaller * n_nodes + larger, return_inverse=True)
+        self._smaller, self._larger = pairs // n_nodes, pairs % n_nodes
+        is_core = np.zeros(pairs.size, dtype=bool)
+        hangs_on_it = np.zeros(n_nodes, dtype=bool)
+        hangs_on_it[edges.second[edges.kind == LOOP]] = True
+        is_core[
+            self._pair_of[
+                (edges.kind != DENSE) | (larger - smaller <= _CLOSE_NODES) | hangs_on_it[edges.first]
+            ]
+        ] = True
+        self._is_core_edge, self._core = is_core[self._pair_of], np.flatnonzero(is_core)
+        self._factor = SparseFactor(self._smaller[is_core], self._larger[is_core], n_nodes)
 
     def step(self, poses: F64, weights: F64) -> F64:
         """Solve once; (n, 3) Gauss-Newton step."""
-        edges = self._edges
-        error = residuals(poses, edges)
-        by_first, by_second = jacobians(poses, edges)
-        weighted = edges.information * weights[:, None, None]
-        right = np.zeros((self._n_nodes, 3))
-        blocks = []
-        for node, jacobian in ((edges.first, by_first), (edges.second, by_second)):
-            transposed = jacobian.transpose(0, 2, 1) @ weighted
-            np.subtract.at(right, node, (transposed @ error[:, :, None])[:, :, 0])
-            blocks += [transposed @ by_first, transposed @ by_second]
-        stacked = np.concatenate([*blocks, self._damping])[self._order]
-        sums = np.add.reduceat(stacked, self._starts, axis=0)
-        values = np.empty(self._indices.size)
-        values[self._places] = sums.transpose(0, 2, 1)
-        size = 3 * self._n_nodes
-        matrix = sparse.csc_matrix((values, self._indices, self._indptr), shape=(size, size))
-        solver = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-        return np.asarray(solver.solve(right.ravel())).reshape(-1, 3)
+        edges, n_nodes = self._edges, self._n_nodes
+        right = np.zeros((n_nodes, 3))
+        diagonal = np.zeros((n_nodes, 3, 3))
+        diagonal[:, [0, 1, 2], [0, 1, 2]] = LEAST_PIVOT
+        diagonal[0, [0, 1, 2], [0, 1, 2]] = _ANCHOR_WEIGHT
+        core_diagonal, pairs = diagonal.copy(), np.zeros((self._smaller.size, 3, 3))
+        add_edges(
+            edges.first,
+            edges.second,
+            *jacobians(poses, edges),
+            edges.information,
+            weights,
+            residuals(poses, edges),
+            self._pair_of,
+            self._is_core_edge,
+            right,
+            diagonal,
+            core_diagonal,
+            pairs,
+        )
+        self._factor.factorise(core_diagonal, pairs[self._core])
+        return self._conjugate_gradients(right, diagonal, pairs)
+
+    def _conjugate_gradients(self, right: F64, diagonal: F64, pairs: F64) -> F64:
+        """Preconditioned conjugate gradients; the next Gauss-Newton step corrects what is left."""
+        solution, product = np.zeros_like(right), np.empty_like(right)
+        rest = right.copy()
+        better = self._factor.solve(rest)
+        direction = better.copy()
+        energy = start = _dot(rest, better)
+        for _ in range(_CG_STEPS):
+            if energy <= _CG_SHARE**2 * start:
+                break
+            multiply(diagonal, pairs, self._smaller, self._larger, direction, product)
+            length = energy / _dot(direction, product)
+            solution += length * direction
+            rest -= length * product
+            better = self._factor.solve(rest)
+            before, energy = energy, _dot(rest, better)
+            direction *= energy / before
+            direction += better
+        return solution
+
+
+def _dot(a: F64, b: F64) -> float:
+    """Inner product, the same whatever the number of threads."""
+    return float(np.einsum("ij,ij->", a, b))

@@ -25,6 +25,8 @@ _FIRST_PASS = Calibration(
 _GOOD_SHARE, _CLEAR_GAIN, _BETTER_SHARE = 0.7, 0.003, 0.05
 _SWEEP_SCANS = 1000
 _SCANS_BEFORE = 80
+_CROWDED_SHARE = 0.2
+"""Share of the points that counts as independent in a crowd."""
 _SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
 
 
@@ -45,10 +47,13 @@ class Registrar:
         Where the odometry was not believed.
     """
 
-    def __init__(self, log: ScanLog, usable_range_m: float) -> None:
+    def __init__(self, log: ScanLog, usable_range_m: float, *, is_crowded: bool = False) -> None:
         self.log = log
         self.rays: Rays = rays_of(log, usable_range_m)
+        # Who is left of a crowd errs together, and the odometry has to hold against them.
         self._params = FrontEndParams()
+        if is_crowded:
+            self._params = replace(self._params, independent_share=_CROWDED_SHARE)
         self.calibration = Calibration()
         self.graph: Graph | None = None
         self.front: Registered | None = None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, is_companion
+from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, are_companions
 from dynmap_cli.mapping.warnings import WRONG_MAP
 
 _ATTEMPTS, _SUSPECTS = 6, 4
@@ -109,7 +111,8 @@ def _group(seed: Loop, loops: Sequence[Loop], poses: F64) -> list[Loop]:
     group, ends = [seed], [seed]
     while ends:
         end = ends.pop()
-        new = [loop for loop in loops if loop not in group and is_companion(end, loop, poses)]
+        are_new = are_companions(end, loops, poses)
+        new = [loop for loop, is_new in zip(loops, are_new, strict=True) if is_new and loop not in group]
         group += new
         ends += new
     return group
@@ -117,15 +120,17 @@ def _group(seed: Loop, loops: Sequence[Loop], poses: F64) -> list[Loop]:
 
 def _blame(search: LoopSearch, poses: F64, bad: list[tuple[int, int]]) -> Counter[tuple[int, int]]:
     """On how many of the shortest ways between contradicting places each loop lies."""
-    _, before = dijkstra(search.ways(poses), directed=False, return_predecessors=True)
     loops = {(loop.fixed, loop.moved) for loop in search.loops}
     blame: Counter[tuple[int, int]] = Counter()
-    for start, end in bad:
-        here = end
-        while here != start and before[start, here] >= 0:
-            there = int(before[start, here])
-            pair = (max(here, there), min(here, there))
-            if pair in loops:
-                blame[pair] += 1
-            here = there
+    ways = search.ways(poses)
+    for start, pairs in groupby(sorted(bad), key=itemgetter(0)):
+        _, before = dijkstra(ways, directed=False, indices=start, return_predecessors=True)
+        for _, end in pairs:
+            here = end
+            while here != start and before[here] >= 0:
+                there = int(before[here])
+                pair = (max(here, there), min(here, there))
+                if pair in loops:
+                    blame[pair] += 1
+                here = there
     return blame

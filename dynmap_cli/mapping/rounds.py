@@ -11,10 +11,11 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.counting.counts import frame_of_scans, twists_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, filter_beams, occupancy
-from dynmap_cli.counting.looks import filter_by_looks
+from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.mapping.first_guess import crowd_weights
 from dynmap_cli.mapping.site import Site
 
 if TYPE_CHECKING:
@@ -91,18 +92,26 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
         settings.em,
         settings.stop_at_walls,
     )
-    site = Site(log, settings)
-    weights: F32 | None = None
+    crowd: F32 | None = None
+    if settings.poses == "estimate":
+        crowd = crowd_weights(log, settings.usable_range_m, threads=threads)
+    if crowd is not None:
+        _log.info("a crowd: the path is found without the beams that move by the odometry of a few seconds")
+    site = Site(log, settings, is_crowded=crowd is not None)
+    known: F32 | None = None
     poses: F64 | None = None
     rounds: list[Round] = []
     while True:
+        # Where people come by all the time, few of them stand out on the map of the whole recording.
+        weights = known if crowd is None else crowd if known is None else np.fmin(known, crowd)
         before, poses = poses, site.poses(weights, f"round {len(rounds) + 1} of {settings.max_rounds}")
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
         twists = twists_of(site.log, poses)
         filtered = filter_beams(site.log, poses, frame, params, twists=twists, threads=threads)
         if not rounds:
             unfiltered = occupancy(all_static(filtered.counting_map))
-        rounds.append(_round(filtered, weights, poses, before))
+        rounds.append(_round(filtered, known, poses, before))
+        known = weights = filtered.static_probability  # lets go of those of the round before
         _log.info("round %d: %.1f %% of the beams dynamic", len(rounds), 100 * filtered.dynamic_share)
         if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
             return FilterMap(
@@ -113,7 +122,6 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
                 site.graph,
                 site.drives,
             )
-        weights = filtered.static_probability
         del filtered  # as large as the map of the next round
 
 
@@ -127,8 +135,7 @@ def _with_looks(
         filtered,
         log,
         poses,
-        look_s=settings.look_s,
-        look_prior=settings.look_prior,
+        LookParams(look_s=settings.look_s, look_prior=settings.look_prior),
         usable_range_m=settings.usable_range_m,
         twists=twists,
     )

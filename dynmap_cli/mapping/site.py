@@ -42,12 +42,13 @@ class Site:
         Of the key scans of all drives.
     """
 
-    def __init__(self, log: ScanLog, settings: MapSettings) -> None:
+    def __init__(self, log: ScanLog, settings: MapSettings, *, is_crowded: bool = False) -> None:
         self.log, self._settings = log, settings
         self.drives: tuple[Registrar, ...] = ()
         if settings.poses != "recorded":
             self.drives = tuple(
-                Registrar(_drive_of(log, number), settings.usable_range_m) for number in range(log.n_drives)
+                Registrar(_drive_of(log, number), settings.usable_range_m, is_crowded=is_crowded)
+                for number in range(log.n_drives)
             )
         self.graph: Graph | None = None
         self._rays: Rays = rays_of(log, settings.usable_range_m)
@@ -59,10 +60,11 @@ class Site:
         if self._settings.poses == "recorded":
             return np.array(self.log.odometry)
         sweeps = sweeps_of(self.log, weights)
+        is_first = self._front is None
         if self._front is None or self.graph is None or not _few_are_dynamic(weights):
             self._front, self.graph = self._register(sweeps, weights, label)
             # In the first of several rounds the next one fits the poses again.
-            is_last = weights is not None or self._settings.max_rounds == 1
+            is_last = not is_first or self._settings.max_rounds == 1
         else:
             # Hardly anything was filtered: the registration stands, only the poses are fitted again.
             is_last = True

@@ -43,7 +43,9 @@ def run(context: StageContext) -> dict[str, Any]:
     result = build_filter_map(log, settings, threads=context.threads)
     out = context.out_dir
     write_tum(out / "trajectory.tum", result.trajectory)
-    write_beams(out / "beams.npz", log.stamps_ns, result.filtered.static_probability)
+    write_beams(
+        out / "beams.npz", log.stamps_ns, result.filtered.static_probability, result.filtered.is_unknown
+    )
     write_counting_map(out / "reflectance.npz", result.filtered.counting_map)
     write_map(out, "map", occupancy(result.filtered.counting_map))
     _write_rounds(out / "em.csv", result.rounds)
@@ -84,6 +86,7 @@ def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, 
         "path_m": round(_path_length_m(log, result.trajectory.poses), 2),
         "rounds": len(result.rounds),
         "dynamic_share": round(filtered.dynamic_share, 5),
+        "unknown_share": round(filtered.unknown_share, 5),
         "log_likelihood": round(filtered.log_likelihood, 3),
         "size_m": [round(frame.cols * frame.resolution_m, 2), round(frame.rows * frame.resolution_m, 2)],
     }
@@ -94,6 +97,10 @@ def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, 
         f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves"
         + (", with those that the looks found" if with_looks else ""),
     ]
+    if filtered.unknown_share > 0.0:
+        lines.append(
+            f"{100 * filtered.unknown_share:.2f} % hit small things that were seen too little to tell"
+        )
     if result.graph is not None:
         found, said = _registration_summary(log, result, result.graph)
         summary |= found

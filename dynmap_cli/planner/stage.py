@@ -103,6 +103,7 @@ def _row(submap: SubMap, choice: Choice, changed: int) -> dict[str, Any]:
     """What was done with a sub-map."""
     return {
         "submap": submap.submap_id,
+        "name": submap.name or None,
         "center_m": list(submap.center_m),
         "states": list(choice.states),
         "seen_s": None if choice.seen_ns is None else format_stamp(choice.seen_ns),
@@ -114,7 +115,8 @@ def _row(submap: SubMap, choice: Choice, changed: int) -> dict[str, Any]:
 def _line(row: dict[str, Any]) -> str:
     """The same as a sentence."""
     x, y = row["center_m"]
-    head = f"sub-map {row['submap']} at ({x:.1f}, {y:.1f}): "
+    name = f" ({row['name']})" if row["name"] else ""
+    head = f"sub-map {row['submap']}{name} at ({x:.1f}, {y:.1f}): "
     if not row["states"]:
         return f"{head}{row['why']}; the mean map stays"
     names = ", ".join(map(str, row["states"]))

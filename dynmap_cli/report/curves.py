@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from dynmap_cli.domain.patches import Visit
+from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.domain.times import readable_time
 
 _COLOURS = ("#2a6fb5", "#d9822b", "#3a9a5b", "#b03a6b", "#7a5fb0", "#8a6d3b", "#4fb3bf", "#c0b030")
@@ -52,7 +53,7 @@ def draw_rounds(rows: Sequence[RoundRow]) -> bytes:
     return as_png(figure)
 
 
-def draw_visits(visits: Sequence[Visit]) -> bytes:
+def draw_visits(visits: Sequence[Visit], submaps: Sequence[SubMap]) -> bytes:
     """Draw a row per sub-map and a bar per visit, coloured by the state it saw, grey where it stayed open; a PNG.
 
     A thin line joins visits that saw the same state, with no other between them. Pauses in which no sub-map was
@@ -80,7 +81,8 @@ def draw_visits(visits: Sequence[Visit]) -> bytes:
         )
     for edge in clock.cuts:
         axes.axvline(edge, color="#a0a0a0", linewidth=0.8, linestyle=":", zorder=1)
-    axes.set_yticks(range(len(numbers)), [str(number) for number in numbers])
+    called = {submap.submap_id: submap.called for submap in submaps}
+    axes.set_yticks(range(len(numbers)), [called[number] for number in numbers], parse_math=False)
     axes.set_ylim(len(numbers) - 0.4, -0.6)
     if clock.cuts:
         axes.set_xticks(*clock.ticks(), rotation=30, ha="right")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -13,12 +14,14 @@ from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
 
-INK, _FREE, _UNKNOWN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
-_MOVED, _PATH, _SUBMAP, _CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
+INK, PAPER, UNSEEN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
+_MOVED, _PATH, _SUBMAP, CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
 _SCALE_PIXELS = 24
-_FULL_REFLECTANCE = 0.5
+Cells = TypeVar("Cells", F32, I8)
+FULL_REFLECTANCE = 0.5
+"""What reflects so much, or more, is drawn in full colour."""
 
 
 class MapPicture:
@@ -33,9 +36,9 @@ class MapPicture:
             max(1, target_pixels // max(rows, cols)),
             math.ceil(max(rows, cols) / (most_pixels - _SCALE_PIXELS)),
         )
-        cells = _reduced(grid.cells, reduce)
-        colours = np.full((*cells.shape, 3), _UNKNOWN, dtype=np.uint8)
-        colours[cells == FREE] = _FREE
+        cells = largest_of_blocks(grid.cells, reduce)
+        colours = np.full((*cells.shape, 3), UNSEEN, dtype=np.uint8)
+        colours[cells == FREE] = PAPER
         colours[cells == OCCUPIED] = INK
         self._pixels: U8 = np.flipud(colours).repeat(self._zoom, axis=0).repeat(self._zoom, axis=1)
         self._pixels_per_m = self._zoom / reduce / grid.frame.resolution_m
@@ -77,7 +80,7 @@ class MapPicture:
         low = np.array([frame.origin_x_m, frame.origin_y_m])
         (left, bottom), (right, top) = self._to_pixels(np.array([low, low + submap.size_m])).tolist()
         pen.rectangle((left, top, right, bottom), outline=_SUBMAP, width=2)
-        pen.text((right + 3, top - 2), str(submap.submap_id), fill=_SUBMAP, font=font_of(18))
+        pen.text((right + 3, top - 2), submap.called, fill=_SUBMAP, font=font_of(18))
 
     def _above_scale(self, image: Image.Image) -> Image.Image:
         """Put a bar of 1, 2, 5, 10, ... metres with its length below the map."""
@@ -86,7 +89,7 @@ class MapPicture:
         length_m = max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest_m)
         right, label, font = length_m * self._pixels_per_m, f"{length_m:g} m", font_of(14)
         width = max(image.width, math.ceil(right + 8 + font.getlength(label)))
-        sheet = Image.new("RGB", (width, image.height + _SCALE_PIXELS), _FREE)
+        sheet = Image.new("RGB", (width, image.height + _SCALE_PIXELS), PAPER)
         sheet.paste(image, (0, 0))
         pen, y = ImageDraw.Draw(sheet), image.height + _SCALE_PIXELS // 2
         pen.line((0, y, right, y), fill=INK, width=3)
@@ -108,29 +111,32 @@ def draw_states(patch_set: PatchSet) -> Image.Image:
         left, top = number % per_row * step_x, number // per_row * step_y
         visits = f"{patch.support} visit{'s' * (patch.support != 1)}"
         pen.text((left, top), f"state {patch.patch_id}: {visits}", fill=INK, font=font_of(12))
-        tile = Image.fromarray(_tile(patch.reflectance, patch_set).repeat(zoom, axis=0).repeat(zoom, axis=1))
+        tile = Image.fromarray(
+            state_tile(patch.reflectance, patch_set).repeat(zoom, axis=0).repeat(zoom, axis=1)
+        )
         sheet.paste(tile, (left, top + _TEXT_PIXELS))
         box = (left, top + _TEXT_PIXELS, left + cols * zoom - 1, top + _TEXT_PIXELS + rows * zoom - 1)
         pen.rectangle(box, outline=(150, 150, 150))
     return sheet
 
 
-def _tile(reflectance: F32, patch_set: PatchSet) -> U8:
+def state_tile(reflectance: F32, patch_set: PatchSet) -> U8:
     """(rows, cols, 3) colours of a state, first row on top."""
-    strength = np.clip(np.nan_to_num(reflectance) / _FULL_REFLECTANCE, 0.0, 1.0)[..., None]
-    ink = np.where(patch_set.varying[..., None], np.array(_CHANGING), np.array(INK))
-    colours = np.array(_FREE) * (1.0 - strength) + ink * strength
-    colours[np.isnan(reflectance)] = _UNKNOWN
+    strength = np.clip(np.nan_to_num(reflectance) / FULL_REFLECTANCE, 0.0, 1.0)[..., None]
+    ink = np.where(patch_set.varying[..., None], np.array(CHANGING), np.array(INK))
+    colours = np.array(PAPER) * (1.0 - strength) + ink * strength
+    colours[np.isnan(reflectance)] = UNSEEN
     return np.asarray(np.flipud(colours), dtype=np.uint8)
 
 
-def _reduced(cells: I8, factor: int) -> I8:
+def largest_of_blocks(cells: Cells, factor: int) -> Cells:
     """Largest value of each block of factor x factor cells: walls stay, then free, then unknown."""
     if factor == 1:
         return cells
     rows, cols = (-(-size // factor) * factor for size in cells.shape)
     padded = np.pad(cells, ((0, rows - cells.shape[0]), (0, cols - cells.shape[1])), constant_values=-1)
-    return np.asarray(padded.reshape(rows // factor, factor, cols // factor, factor).max(axis=(1, 3)))
+    blocks: Cells = padded.reshape(rows // factor, factor, cols // factor, factor).max(axis=(1, 3))
+    return blocks
 
 
 def font_of(pixels: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:

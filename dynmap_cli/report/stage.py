@@ -17,7 +17,7 @@ from dynmap_cli.files.counting_map import read_beams
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import read_text
 from dynmap_cli.files.manifest import Manifest, read_manifest
-from dynmap_cli.files.patch_archive import read_patches, read_visits
+from dynmap_cli.files.patch_archive import read_patches, read_rounds, read_visits
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
@@ -51,7 +51,7 @@ def run(context: StageContext) -> dict[str, Any]:
     pictures = {
         "map": _map_pictures(context, submaps),
         "segment": (),
-        "cluster": _state_pictures(submaps, patch_sets, visits),
+        "cluster": _state_pictures(context.run_dir, submaps, patch_sets, visits),
     }
     sections = [
         Section(
@@ -158,10 +158,12 @@ def _read_rounds(path: Path) -> list[RoundRow]:
 
 
 def _state_pictures(
-    submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
+    run_dir: Path, submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
 ) -> tuple[Picture, ...]:
     """When which state was seen, and what the states look like."""
+    from dynmap_cli.report.clusters import draw_clusters
     from dynmap_cli.report.curves import draw_visits
+    from dynmap_cli.report.patch_map import draw_patch_map
     from dynmap_cli.report.pictures import draw_states
 
     pictures = []
@@ -170,13 +172,29 @@ def _state_pictures(
             "Visits: one bar each, coloured by the state it saw; grey where none was recognised. "
             "A line joins visits that saw the same state one after the other."
         )
-        pictures.append(Picture("visits.png", draw_visits(visits), caption))
+        pictures.append(Picture("visits.png", draw_visits(visits, submaps), caption))
+    if patch_sets:
+        grid, _ = read_map(run_dir / "map" / "map.yaml")
+        caption = (
+            "The patch map: in each sub-map of the map the mean of its states, and beside the map the states. "
+            "Red: cells that change."
+        )
+        pictures.append(Picture("patch_map.png", _png(draw_patch_map(grid, submaps, patch_sets)), caption))
     places = {submap.submap_id: submap for submap in submaps}
+    rounds = read_rounds(run_dir / "patches" / "patches.zip")
     for patch_set in patch_sets:
         number = patch_set.submap_id
         x, y = places[number].center_m
-        caption = f"Sub-map {number} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
+        caption = f"Sub-map {places[number].called} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
         pictures.append(Picture(f"submap_{number:03d}.png", _png(draw_states(patch_set)), caption))
+        if len(rounds[number]) > 1:
+            caption = (
+                f"Sub-map {places[number].called}: a cluster is added in each round; the BIC, and the means of the "
+                "clusters. The largest BIC is chosen; clusters that differ in too few cells are then one state. "
+                "Red: occupied. Grey: unknown, or the same in all states."
+            )
+            picture = _png(draw_clusters(patch_set, rounds[number]))
+            pictures.append(Picture(f"clusters_{number:03d}.png", picture, caption))
     return tuple(pictures)
 
 

@@ -2,54 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dynmap_cli.arrays import F64
 from dynmap_cli.domain.submaps import SubMap
 
-_LEAST_OVERLAP = 0.3
+_LEAST_OVERLAP, _TIE_BREAK = 0.3, 1e-3
 
 
-def keep_numbers(submaps: Sequence[SubMap], known: Sequence[SubMap]) -> tuple[SubMap, ...]:
+def keep_numbers(
+    submaps: Sequence[SubMap], known: Sequence[SubMap], taken: Collection[int] = ()
+) -> tuple[SubMap, ...]:
     """Give each sub-map the number of the known one that it overlaps, and new numbers to the others.
 
-    Pairs are chosen for the largest sum of overlaps, each the common area over the area of the smaller rectangle. A
-    number that nothing overlaps any more is not given to another sub-map.
+    Pairs are chosen for the largest sum of overlaps, each the common area over the area of the smaller rectangle; of
+    pairs that overlap as much those are chosen that are alike. A number that nothing overlaps any more is not given to
+    another sub-map.
 
     Parameters
     ----------
     submaps : sequence of SubMap
     known : sequence of SubMap
         Of the map before; in the same map frame.
+    taken : collection of int
+        Numbers that were given by hand to other areas.
     """
-    if not known:
-        return tuple(submaps)
-    overlaps = np.array([[_overlap(one, other) for other in known] for one in submaps])
-    numbers = dict.fromkeys(range(len(submaps)), -1)
-    if submaps:
-        for row, col in zip(*linear_sum_assignment(-overlaps), strict=True):
-            if overlaps[row, col] >= _LEAST_OVERLAP:
-                numbers[int(row)] = known[int(col)].submap_id
-    new = max(other.submap_id for other in known) + 1
-    for row, number in numbers.items():
-        if number < 0:
+    own = {row: submap.submap_id for row, submap in enumerate(submaps)}
+    kept = _known_numbers(submaps, known) if known else own
+    numbers = {row: number for row, number in kept.items() if number not in taken}
+    new = max([-1, *numbers.values(), *taken, *(other.submap_id for other in known)]) + 1
+    for row in range(len(submaps)):
+        if row not in numbers:
             numbers[row], new = new, new + 1
     renumbered = [replace(submap, submap_id=numbers[row]) for row, submap in enumerate(submaps)]
     return tuple(sorted(renumbered, key=lambda submap: submap.submap_id))
 
 
+def _known_numbers(submaps: Sequence[SubMap], known: Sequence[SubMap]) -> dict[int, int]:
+    """Number of the known sub-map that each overlaps, by its place in the sequence; the others are left out."""
+    if not submaps:
+        return {}
+    overlaps = np.array([[_overlap(one, other) for other in known] for one in submaps])
+    likeness = np.array([[one.rectangle.likeness(other.rectangle) for other in known] for one in submaps])
+    pairs = zip(*linear_sum_assignment(-(overlaps + _TIE_BREAK * likeness)), strict=True)
+    return {int(row): known[int(col)].submap_id for row, col in pairs if overlaps[row, col] >= _LEAST_OVERLAP}
+
+
 def _overlap(one: SubMap, other: SubMap) -> float:
     """Common area of two rectangles over the area of the smaller."""
-    low = np.maximum(_corner(one), _corner(other))
-    high = np.minimum(_corner(one) + one.size_m, _corner(other) + other.size_m)
-    common = float(np.prod(np.maximum(high - low, 0.0)))
-    return common / min(one.area_m2, other.area_m2)
-
-
-def _corner(submap: SubMap) -> F64:
-    """Lower left corner of the rectangle, metres."""
-    return np.array([submap.frame.origin_x_m, submap.frame.origin_y_m])
+    return one.rectangle.common_m2(other.rectangle) / min(one.area_m2, other.area_m2)

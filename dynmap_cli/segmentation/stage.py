@@ -10,17 +10,21 @@ import numpy as np
 from dynmap_cli.arrays import F64
 from dynmap_cli.counting.evidence import EvidenceParams
 from dynmap_cli.counting.looks import time_windows
+from dynmap_cli.domain.corrections import Addition
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError, ConfigError
 from dynmap_cli.files.counting_map import read_counting_map
-from dynmap_cli.files.known import read_known_submaps
+from dynmap_cli.files.edits import NAME as EDITS
+from dynmap_cli.files.edits import read_edits
+from dynmap_cli.files.known import FOUND, read_known_submaps
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
+from dynmap_cli.segmentation.corrections import apply_corrections
 from dynmap_cli.segmentation.numbering import keep_numbers
 from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_submaps, merge_regions
 from dynmap_cli.segmentation.settings import SegmentationSettings
@@ -65,9 +69,14 @@ def evidence_params(settings: SegmentationSettings) -> EvidenceParams:
     )
 
 
+def margin_cells(settings: SegmentationSettings, resolution_m: float) -> int:
+    """Border of a rectangle around its contested cells."""
+    return math.ceil(settings.margin_m / resolution_m - 1e-9)
+
+
 def _region_params(settings: SegmentationSettings, resolution_m: float) -> RegionParams:
     """Turn lengths into cells."""
-    margin = math.ceil(settings.margin_m / resolution_m - 1e-9)
+    margin = margin_cells(settings, resolution_m)
     max_area = settings.max_area_m2 / resolution_m**2
     least = (2 * margin + 1) ** 2
     if least > max_area:
@@ -94,7 +103,15 @@ def run(context: StageContext) -> dict[str, Any]:
     windows = len(time_windows(log, settings.window_s))
     with progress("segment", windows, "windows") as tick:
         submaps, found = find_submaps(log, trajectory.poses, frame, settings, tick)
-    submaps = keep_numbers(submaps, read_known_submaps(context.run_dir))
+    corrections = read_edits(context.run_dir)
+    taken = [one.submap_id for one in corrections if isinstance(one, Addition)]
+    submaps = keep_numbers(submaps, read_known_submaps(context.run_dir), taken)
+    lines: list[str] = []
+    if corrections:
+        write_submaps(context.out_dir / FOUND, submaps)
+        submaps, lines = apply_corrections(
+            submaps, corrections, frame, margin_cells(settings, frame.resolution_m)
+        )
     write_submaps(context.out_dir, submaps)
     area = sum(submap.area_m2 for submap in submaps)
     return {
@@ -103,7 +120,7 @@ def run(context: StageContext) -> dict[str, Any]:
         "contested_cells": int(found.contested.sum()),
         "windows": found.n_windows,
         "windows_needed": found.windows_needed,
-        "lines": describe(submaps),
+        "lines": [*describe(submaps), *lines],
     }
 
 
@@ -113,7 +130,7 @@ def describe(submaps: tuple[SubMap, ...]) -> list[str]:
         return ["no sub-map: nothing was seen in two states, the plain map says it all"]
     area = sum(submap.area_m2 for submap in submaps)
     places = [
-        f"{submap.submap_id} at ({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f}) "
+        f"{submap.called} at ({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f}) "
         f"{submap.size_m[0]:.1f} x {submap.size_m[1]:.1f} m"
         for submap in submaps
     ]
@@ -127,7 +144,7 @@ STAGE = Stage(
     title="finding areas that change",
     section="segmentation",
     folder="submaps",
-    reads=("scans/", "map/", "known/"),
+    reads=("scans/", "map/", "known/", EDITS),
     writes=("submaps/",),
     run=run,
 )

@@ -21,7 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.bench import (
     beams,
+    cleaned,
     crowd,
+    filtering,
     kernels,
     localization,
     mapping_cost,
@@ -44,10 +46,12 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "odometry": odometry.tables,
     "crowd": crowd.tables,
     "patrol": patrol.tables,
+    "filtering": filtering.tables,
     "beams": beams.tables,
     "states": states.tables,
     "localization": localization.tables,
     "peers": peers.tables,
+    "cleaned": cleaned.tables,
     "speed": kernels.tables,
 }
 LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {

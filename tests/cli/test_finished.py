@@ -201,7 +201,7 @@ def test_explain_shows_evidence_visits_states_and_scores(corridor, unharmed):
 
 def test_a_submap_that_is_not_there(corridor, small):
     line = refused(SETTINGS, "explain", corridor.run_dir, "7", "-q")
-    assert "no sub-map 7; there are 0 to 1." in line
+    assert "no sub-map 7; there are 0, 1." in line
     assert "nothing was seen in two states" in refused(SETTINGS, "explain", small.run_dir, "0", "-q")
     assert run_dynmap("explain", corridor.run_dir, "door").exit_code == 2
 

@@ -60,3 +60,18 @@ def test_a_rectangle_that_grew_or_moved_is_compared_cell_by_cell(rows, cols):
 def test_sub_maps_that_were_not_known_are_left_as_they_are():
     found = patch_set(patch(0, 12), patch(1, 7))
     assert keep_numbers([found], [visit(0, 1)], [])[0] == (found,)
+
+
+def test_a_state_that_knows_little_keeps_its_number():
+    """It agrees with another one as well as with itself."""
+    whole, other = patch(0, 2), patch(1, 9)
+    values = np.full(FRAME.shape, np.nan, dtype=np.float32)
+    values[3:9, 2] = 1.0
+    part = Patch(2, 1, values)
+    known = patch_set(whole, other, part)
+    for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
+        shown = [known.patches[number] for number in order]
+        found = patch_set(*(replace(one, patch_id=k) for k, one in enumerate(shown)))
+        (kept,), _ = keep_numbers([found], [], [known])
+        assert [int(np.isnan(one.reflectance).any()) for one in kept.patches] == [0, 0, 1]
+        assert [int(np.nanargmax(one.reflectance[5])) for one in kept.patches] == [2, 9, 2]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, end_cells, frame_of_scans
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.poses import compose
-from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.domain.scans import join_drives, single_laser_log
 from dynmap_cli.errors import LogError
 from tests.reference.counting import plain_alpha_beta, plain_beams
 
@@ -44,6 +44,48 @@ def test_counts_match_the_ray_by_ray_sums(seed):
     alpha, beta = plain_alpha_beta(plain_beams(log, poses, FRAME, 2.5), weights.astype(float), FRAME.shape)
     np.testing.assert_allclose(counts.static_hits, alpha, atol=1e-8)
     np.testing.assert_allclose(counts.dynamic_hits + counts.passed_cells, beta, atol=1e-8)
+
+
+@given(st.integers(0, 10**6))
+def test_lasers_of_fewer_beams_count_as_on_their_own(seed):
+    """A drive with another laser leaves columns without a beam, which have neither range nor bearing."""
+    drives = [random_world(seed, n_beams=5), random_world(seed + 1, n_beams=9)]
+    later = replace(drives[1][0], stamps_ns=drives[1][0].stamps_ns + 10**12)
+    log, poses = join_drives([drives[0][0], later]), np.concatenate([drives[0][1], drives[1][1]])
+    both = count_beams(log, poses, FRAME, 2.5)
+    parts = [count_beams(part, at, FRAME, 2.5) for part, at, _ in drives]
+    for name in ("static_hits", "passed_cells"):
+        np.testing.assert_allclose(getattr(both, name), sum(getattr(part, name) for part in parts), atol=1e-6)
+    ended = end_cells(log, poses, FRAME, 2.5) >= 0
+    assert not ended[log.drive_index == 0, 5:].any()
+
+
+@given(st.integers(0, 10**6))
+def test_beams_along_axes_and_through_corners_match_the_plain_twin(seed):
+    """Beams along the axes and the diagonals from centres of cells."""
+    rng = np.random.default_rng(seed)
+    frame = GridFrame(0.125, -5.0, -5.0, 80, 80)
+    ranges = (rng.integers(0, 16, (5, 8)) * 0.125).astype(np.float32)
+    ranges[rng.random(ranges.shape) < 0.2] = np.inf
+    poses = np.column_stack([rng.integers(-8, 9, (5, 2)) * 0.125 + 0.0625, rng.integers(0, 8, 5) * np.pi / 4])
+    bearings = np.arange(8) * np.pi / 4
+    log = single_laser_log(np.arange(5) * 10**9, ranges, bearings, poses, range_limits_m=(0.0, 4.0))
+    counts = count_beams(log, poses, frame, 2.0)
+    alpha, beta = plain_alpha_beta(plain_beams(log, poses, frame, 2.0), np.ones(ranges.shape), frame.shape)
+    np.testing.assert_array_equal(counts.static_hits, alpha)
+    np.testing.assert_allclose(counts.passed_cells, beta, atol=1e-8)
+
+
+@given(st.integers(0, 10**6))
+def test_beams_from_outside_count_where_they_cross_the_grid(seed):
+    log, poses, weights = random_world(seed)
+    poses[:2, 0] -= 3.5
+    poses[2, 1] += 4.0
+    wide = GridFrame(0.1, -9.0, -9.0, 180, 180)
+    alpha, beta = plain_alpha_beta(plain_beams(log, poses, wide, 2.5), weights.astype(float), wide.shape)
+    counts = count_beams(log, poses, wide.window(60, 60, 61, 59), 2.5, weights=weights)
+    np.testing.assert_allclose(counts.static_hits, alpha[60:121, 60:119], atol=1e-8)
+    np.testing.assert_allclose(counts.dynamic_hits + counts.passed_cells, beta[60:121, 60:119], atol=1e-8)
 
 
 @given(st.integers(0, 10**6))

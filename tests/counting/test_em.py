@@ -16,7 +16,7 @@ from dynmap_cli.counting.em import (
     fixed_point,
 )
 from dynmap_cli.domain.grid import CountingMap
-from dynmap_cli.kernels.em import static_probability
+from dynmap_cli.kernels.em import add_to_cells, static_probability
 from tests.counting.test_counts import FRAME, random_world
 from tests.reference.counting import (
     plain_alpha_beta,
@@ -137,3 +137,13 @@ def test_someone_who_crosses_the_view_is_found_and_the_wall_stays():
     e = filter_beams(log, np.zeros((n_scans, 3)), FRAME, FilterParams()).static_probability
     assert (e[walker] < 0.5).all()
     assert (e[~walker] > 0.5).all()
+
+
+def test_sums_over_cells_match_the_plain_sums():
+    draw = np.random.default_rng(5)
+    cells = draw.integers(-1, 12, size=(30, 20)).astype(np.int32)
+    values = draw.random((30, 20)).astype(np.float32)
+    sums, plain = np.zeros(12), np.zeros(12)
+    add_to_cells(cells, values, sums)
+    np.add.at(plain, cells[cells >= 0], values[cells >= 0])
+    np.testing.assert_allclose(sums, plain)

@@ -32,9 +32,31 @@ def test_shuffled_labels_are_not():
 def test_the_filter_beats_nothing_and_ablations_are_there():
     score = score_beams("truth", *room())
     rows = {row["method"]: row for row in score.details["methods at the same poses"]}
-    assert set(rows) == {"run", "without looks", "plain counting", "paper to the letter"}
+    assert set(rows) == {
+        "run",
+        "run, without unknown beams",
+        "without looks",
+        "without watches",
+        "with grazing beams",
+        "plain counting",
+        "paper to the letter",
+    }
     assert rows["paper to the letter"]["dynamic_found_DA"] > 0.9
     assert rows["paper to the letter"]["static_kept_SA"] > 0.9
+
+
+def test_unknown_beams_are_kept_and_counted_apart():
+    run, truth = room()
+    e = np.where(truth.beam_class == truth.moving, np.float32(0.9), run.static_probability)
+    is_unknown = np.asarray(truth.beam_class == truth.moving)
+    is_unknown[::2] = False
+    score = score_beams("unknown", replace(run, static_probability=e, is_unknown=is_unknown), truth)
+    assert score.values["dynamic_found_DA"] == 0.0
+    rows = {row["method"]: row for row in score.details["methods at the same poses"]}
+    assert rows["run, without unknown beams"]["static_kept_SA"] == 1.0
+    shares = {row["class"]: row["unknown"] for row in score.details["by class"]}
+    assert shares["moving"] == pytest.approx(0.5)
+    assert shares["static"] == 0.0
 
 
 @given(

@@ -1,5 +1,7 @@
 """Laws of the measures of maps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -93,9 +95,7 @@ def test_noise_on_the_poses_shows_in_every_measure():
     shaken = run.poses + np.random.default_rng(1).normal(0.0, 0.06, run.poses.shape)
     still, moved = (
         score_alone("still", run).values,
-        score_alone(
-            "moved", type(run)(run.folder, run.log, shaken, run.static_probability, run.settings)
-        ).values,
+        score_alone("moved", replace(run, poses=shaken)).values,
     )
     assert moved["line_thickness_mm"] > still["line_thickness_mm"]
     assert moved["held_out_log_likelihood_per_beam"] < still["held_out_log_likelihood_per_beam"]

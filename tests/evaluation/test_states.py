@@ -127,7 +127,7 @@ def test_an_object_reaches_where_its_beams_end_whatever_the_frame_of_the_map():
     turned = np.tile([3.0, -2.0, 0.0], (count, 1))
     log = single_laser_log(stamps, ranges.astype(np.float32), bearings, np.zeros((count, 3)))
     truth = Truth(Trajectory(stamps, np.zeros((count, 3))), classes, states, (thing,), 0, 1, 2, 3, 10)
-    run = Run(Path("run"), log, turned, np.ones((count, 21), np.float32), {})
+    run = Run(Path("run"), log, turned, np.ones((count, 21), np.float32), np.zeros((count, 21), bool), {})
     everywhere = np.ones((20, 20), dtype=bool)
     submap = SubMap(7, GridFrame(0.05, 3.8, -2.5, 20, 20), 0, 0, everywhere, everywhere, 1.0)
     assert reach_of_objects(run, truth, (submap,)) == {7: {"box": {"near", "middle"}}}

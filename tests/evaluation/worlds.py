@@ -15,6 +15,8 @@ SETTINGS = {
     "static_prior": 0.95,
     "support_cells": 1,
     "stop_at_walls": True,
+    "look_s": 5.0,
+    "look_prior": 0.8,
 }
 
 
@@ -40,4 +42,4 @@ def room(seed=0, static_probability=None):
     if static_probability is None:
         static_probability = np.where(classes == 1, 0.0, 1.0).astype(np.float32)
         static_probability[classes == 2] = np.nan
-    return Run(Path("run"), log, poses, static_probability, SETTINGS), truth
+    return Run(Path("run"), log, poses, static_probability, np.zeros(classes.shape, bool), SETTINGS), truth

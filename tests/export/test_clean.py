@@ -19,7 +19,7 @@ from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.export.cleaning import write_clean
 from dynmap_cli.export.labels import BeamLabels, hits_known_state
 from dynmap_cli.export.text_logs import TextChoices
-from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.counting_map import read_beams, read_unknown
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.ingest.mcap_records import mcap_extras
 from dynmap_cli.ingest.reading import read_recordings
@@ -215,6 +215,18 @@ def test_a_clean_recording_has_no_beams_that_the_run_calls_dynamic(cleaned):
 
 def test_the_run_that_is_made_in_passing_says_the_same(cleaned):
     assert (cleaned / "alone.mcap").read_bytes() == (cleaned / "clean.mcap").read_bytes()
+
+
+def test_labels_are_even_odds_where_the_run_does_not_know(cleaned):
+    log = next(path for path in (cleaned / "a.log", cleaned / "a.mcap") if path.exists())
+    result = run_dynmap("clean", log, "-o", cleaned / "label.mcap", "--run", cleaned / "run", "--label")
+    assert result.exit_code == 0, result.output
+    table = cleaned / "run" / "map" / "beams.npz"
+    shape = read_scan_log(cleaned / "run" / "scans").ranges_m.shape
+    expected = np.where(read_unknown(table, shape), np.float32(0.5), read_beams(table, shape))
+    beside = [one for one in messages_of(cleaned / "label.mcap") if one.topic.endswith("/static_probability")]
+    found = np.stack([ROS2.deserialize_cdr(one.data, SCAN).intensities for one in beside])
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_what_clean_refuses(cleaned):

@@ -16,7 +16,13 @@ from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing, scratch_folder
-from dynmap_cli.files.counting_map import read_beams, read_counting_map, write_beams, write_counting_map
+from dynmap_cli.files.counting_map import (
+    read_beams,
+    read_counting_map,
+    read_unknown,
+    write_beams,
+    write_counting_map,
+)
 from dynmap_cli.files.manifest import (
     Manifest,
     damaged,
@@ -268,8 +274,18 @@ def test_a_counting_map_round_trip(counting_map, tmp_path):
 
 def test_beams_round_trip(tmp_path):
     e = np.array([[0.5, np.nan], [1.0, 0.0]], dtype=np.float32)
-    write_beams(tmp_path / "b.npz", np.array([1, 2]), e)
+    is_unknown = np.array([[True, False], [False, False]])
+    write_beams(tmp_path / "b.npz", np.array([1, 2]), e, is_unknown)
     np.testing.assert_array_equal(read_beams(tmp_path / "b.npz", (2, 2)), e)
+    np.testing.assert_array_equal(read_unknown(tmp_path / "b.npz", (2, 2)), is_unknown)
+
+
+def test_beams_of_a_file_that_does_not_say_are_not_unknown(tmp_path):
+    e = np.ones((2, 2), dtype=np.float32)
+    np.savez(tmp_path / "b.npz", stamps_ns=np.array([1, 2]), static_probability=e)
+    assert not read_unknown(tmp_path / "b.npz", (2, 2)).any()
+    with pytest.raises(ArtifactError, match="again with --force"):
+        read_unknown(tmp_path / "none.npz", (2, 2))
 
 
 def test_damaged_maps_and_beams_are_refused(counting_map, tmp_path):

@@ -15,7 +15,7 @@ from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.files.patch_archive import read_patches, read_visits, write_patches
+from dynmap_cli.files.patch_archive import read_patches, read_rounds, read_visits, write_patches
 from dynmap_cli.files.submaps import read_submaps, write_submaps
 
 FRAME = GridFrame(0.05, -1.25, 3.1, 6, 9)
@@ -34,7 +34,9 @@ def patch_set(number, draw):
         values = draw.random(FRAME.shape).astype(np.float32)
         values[draw.random(FRAME.shape) < 0.2] = np.nan
         patches.append(Patch(k, 3 - k, values))
-    return PatchSet(number, FRAME, cells_that_vary(patches), tuple(patches), 0.75, (-9.125, -3.5, -4.0))
+    rounds = tuple(draw.random((k, *FRAME.shape)).astype(np.float32) for k in (1, 2, 2))
+    bic = (-9.125, -3.5, -4.0)
+    return PatchSet(number, FRAME, cells_that_vary(patches), tuple(patches), 0.75, bic, rounds)
 
 
 def content(seed=0):
@@ -191,6 +193,41 @@ def test_an_archive_without_scores_is_read(archive):
         del entry["bic"]
     rewrite(archive, {"manifest.json": json.dumps(manifest)})
     assert [patch_set.bic for patch_set in read_patches(archive)] == [(), ()]
+
+
+def test_rounds_come_back_and_older_archives_have_none(archive):
+    written = {one.submap_id: one.rounds for one in content()[1]}
+    read = read_rounds(archive)
+    assert {number: len(rounds) for number, rounds in read.items()} == {0: 3, 1: 0, 2: 3}
+    for number, rounds in written.items():
+        for one, other in zip(rounds, read[number], strict=True):
+            np.testing.assert_array_equal(one, other)
+    manifest = manifest_of(archive)
+    for entry in manifest["submaps"]:
+        del entry["rounds"]
+    rewrite(archive, {"manifest.json": json.dumps(manifest)})
+    assert read_rounds(archive) == {0: (), 1: (), 2: ()}
+
+
+@pytest.mark.parametrize(
+    "rounds",
+    [
+        ["submap_000/round_1.npy"],
+        ["submap_000/round_3.npy"] * 3,
+        ["../x"] * 3,
+        7,
+        ["submap_000/patch_0.npy"] * 3,
+    ],
+)
+def test_rounds_that_cannot_be_are_refused(archive, rounds):
+    manifest = manifest_of(archive)
+    manifest["submaps"][0]["rounds"] = rounds
+    rewrite(
+        archive,
+        {"manifest.json": json.dumps(manifest), "submap_000/round_3.npy": npy(np.zeros((4, 6, 9), "<f4"))},
+    )
+    with pytest.raises(ArtifactError, match="damaged patch archive"):
+        read_rounds(archive)
 
 
 def npy(array, **kwargs):

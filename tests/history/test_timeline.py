@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.patches import Visit
+from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.trajectory import parse_stamp
 from dynmap_cli.history.timeline import TIMELINE_HEADER, as_csv, describe, histories_of
 from dynmap_cli.report.curves import _Clock, draw_visits
@@ -23,6 +26,12 @@ def visit(submap, number, second, state, remark=""):
     return Visit(submap, number, "a, b.mcap", second * S, (second + 4) * S + 1, state, membership, remark)
 
 
+def submaps(*numbers):
+    mask = np.ones((2, 2), dtype=bool)
+    return [SubMap(number, GridFrame(0.05, 0.0, 0.0, 2, 2), 0, 0, mask, mask, 0.01) for number in numbers]
+
+
+SUBMAPS = [replace(one, name="lab $door_") for one in submaps(*range(60))]
 VISITS = st.lists(
     st.tuples(st.integers(0, 2), st.integers(0, 100_000), st.one_of(st.none(), st.integers(0, 3))),
     max_size=20,
@@ -43,7 +52,7 @@ def test_every_visit_is_one_row_in_time_order(visits):
 
 @given(VISITS)
 def test_counts_and_transitions_are_those_of_a_plain_loop(visits):
-    for history in histories_of([0, 1, 2], visits, {}):
+    for history in histories_of(submaps(0, 1, 2), visits, {}):
         own = sorted(
             (v for v in visits if v.submap_id == history.submap_id), key=lambda v: (v.start_ns, v.sequence)
         )
@@ -79,12 +88,12 @@ def test_the_columns_and_the_remarks():
 
 def test_the_sentence_says_it_all():
     visits = [visit(4, k, 10 * k, state, "mixed") for k, state in enumerate((0, 1, None, 1, 0))]
-    (history,) = histories_of([4], visits, {4: 0.9})
+    (history,) = histories_of(submaps(4), visits, {4: 0.9})
     assert describe(history, "(1.0, 2.0)") == (
         "sub-map 4 at (1.0, 2.0): 5 visits (state 0 in 2, state 1 in 2), 1 saw the change, "
         "2 transitions (0 -> 1: 1, 1 -> 0: 1), stays for a minute with probability 0.900"
     )
-    (nobody,) = histories_of([5], visits, {})
+    (nobody,) = histories_of(submaps(5), visits, {})
     assert describe(nobody, "(0.0, 0.0)") == "sub-map 5 at (0.0, 0.0): 0 visits"
 
 
@@ -107,6 +116,6 @@ def test_the_figure_is_drawn_with_and_without_pauses_and_visits():
     near = [visit(k % 2, k, 30 * k, k % 3 if k % 3 < 2 else None) for k in range(8)]
     far = [visit(0, 9, 90_000, 1), visit(1, 9, 1_772_438_400, 0)]
     for visits in (near, near + far, []):
-        image = np.asarray(Image.open(io.BytesIO(draw_visits(visits))))
-        assert (draw_visits(visits[::-1]) == draw_visits(visits)) is True
+        image = np.asarray(Image.open(io.BytesIO(draw_visits(visits, SUBMAPS))))
+        assert (draw_visits(visits[::-1], SUBMAPS) == draw_visits(visits, SUBMAPS)) is True
         assert image.shape[1] == 800

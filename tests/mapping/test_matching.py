@@ -112,7 +112,8 @@ def test_normal_equations_match_the_plain_sum(room, torus, seed):
     np.testing.assert_allclose(share, expected[2], rtol=1e-4)
 
 
-def test_correlative_search_finds_what_trying_everything_finds(room, torus):
+@pytest.mark.parametrize(("reach", "step"), [(4, 1), (6, 2), (7, 2)])
+def test_correlative_search_finds_what_trying_everything_finds(room, torus, reach, step):
     points = to_robot(room[::20], np.array([0.1, -0.05, 0.06]))
     angles = -0.1 + 0.02 * np.arange(11)
     costs, out = np.array([0.3, 1.0]), np.empty(3)
@@ -122,8 +123,8 @@ def test_correlative_search_finds_what_trying_everything_finds(room, torus):
         np.zeros(3),
         0.1,
         0.02,
-        4,
-        1,
+        reach,
+        step,
         CELL,
         torus.field,
         np.zeros((64, 64), np.int32),
@@ -131,7 +132,10 @@ def test_correlative_search_finds_what_trying_everything_finds(room, torus):
         out,
     )
     field = plain_field(plain_local_map(room, np.ones(len(room)), CELL))
-    _, expected_score, expected = plain_correlate(points, np.zeros(3), angles, 4, CELL, field, costs)
+    whole = reach // step * step
+    _, expected_score, expected = plain_correlate(
+        points, np.zeros(3), angles, range(-whole, whole + 1, step), CELL, field, costs
+    )
     np.testing.assert_allclose(out, expected, atol=1e-12)
     np.testing.assert_allclose(score, expected_score)
     np.testing.assert_allclose(out, [0.1, -0.05, 0.06], atol=0.051)

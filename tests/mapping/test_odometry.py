@@ -119,3 +119,16 @@ def test_odometry_without_sign_is_told_from_one_that_has_it():
 def test_without_odometry_there_is_nothing_to_correct():
     missing = np.full((10, 3), np.nan)
     assert not np.isfinite(corrected_motion(missing, np.arange(10.0), Calibration())[1:]).any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_single_steps_is_no_lag(seed):
+    """Interpolating between two scans averages their noise, which must not look like a lag of half a scan."""
+    poses, times = drive()
+    rng = np.random.default_rng(seed)
+    steps = between(poses[:-1], poses[1:]) + rng.normal(0.0, 1.0, (len(poses) - 1, 3)) * [0.005, 0.002, 0.005]
+    odometry = np.zeros_like(poses)
+    for k, step in enumerate(steps):
+        odometry[k + 1] = compose(odometry[k], step)
+    found = calibrate(odometry, times, poses, GOOD, GOOD, reversible=False)
+    assert abs(found.lag_scans + found.lag_s / 0.2) < 0.2

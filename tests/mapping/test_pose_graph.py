@@ -1,12 +1,14 @@
 """Laws of the pose graph."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import between, compose, wrap_angle
-from dynmap_cli.mapping.pose_graph import Edges, jacobians, optimise, residuals
+from dynmap_cli.mapping.pose_graph import DENSE, Edges, _NormalEquations, jacobians, optimise, residuals
 from tests.reference.mapping import plain_residual
 
 
@@ -58,6 +60,58 @@ def test_jacobians_match_finite_differences(seed):
                 step[node, axis] = 1e-6
                 delta = residuals(poses + step, edges)[k] - residuals(poses - step, edges)[k]
                 np.testing.assert_allclose(delta / 2e-6, jac[:, axis], atol=1e-6)
+
+
+def plain_step(poses, edges, weights):
+    """The Gauss-Newton step of dense normal equations, edge by edge."""
+    n = len(poses)
+    matrix, right = np.zeros((n, 3, n, 3)), np.zeros((n, 3))
+    matrix[0, :, 0, :] = 1e10 * np.eye(3)
+    errors, (by_first, by_second) = residuals(poses, edges), jacobians(poses, edges)
+    for k in range(len(edges)):
+        ends = ((edges.first[k], by_first[k]), (edges.second[k], by_second[k]))
+        for row, left in ends:
+            right[row] -= weights[k] * left.T @ edges.information[k] @ errors[k]
+            for col, other in ends:
+                matrix[row, :, col, :] += weights[k] * left.T @ edges.information[k] @ other
+    return np.linalg.solve(matrix.reshape(3 * n, 3 * n), right.ravel()).reshape(n, 3)
+
+
+@given(st.integers(0, 10**6))
+def test_steps_match_the_dense_solution(seed):
+    poses, edges = random_graph(seed, noise=0.05)
+    turned = np.random.default_rng(seed).random(len(edges)) < 0.5
+    first, second = np.where(turned, edges.second, edges.first), np.where(turned, edges.first, edges.second)
+    measured = np.where(turned[:, None], between(poses[first], poses[second]), edges.measured)
+    edges = replace(edges, first=first, second=second, measured=measured)
+    start, weights = drifted(poses, edges, 1), np.random.default_rng(seed).uniform(0.1, 1.0, len(edges))
+    start[1:] = poses[1:] + np.random.default_rng(seed).normal(0.0, 0.1, poses[1:].shape)
+    step = _NormalEquations(edges, len(poses)).step(start, weights)
+    np.testing.assert_allclose(step, plain_step(start, edges, weights), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_not_in_the_core_of_the_graph_counts_as_much(seed):
+    poses, edges = random_graph(seed, n=120, n_loops=90, noise=0.02)
+    start, no_kernel = drifted(poses, edges, 120), np.full(len(edges), np.inf)
+    kind = edges.kind.copy()
+    kind[-70:] = DENSE
+    assert (np.abs(edges.first - edges.second)[-70:] > 20).sum() > 30
+    exact, _ = optimise(start, edges, no_kernel)
+    iterated, _ = optimise(start, replace(edges, kind=kind), no_kernel)
+    np.testing.assert_allclose(iterated, exact, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_part_that_nothing_holds_stays_finite_and_in_shape(seed):
+    poses, edges = random_graph(seed, n_loops=0)
+    is_kept = edges.first != 19
+    edges = Edges(*(getattr(edges, name)[is_kept] for name in Edges.__slots__))
+    start = poses.copy()
+    start[30:] = compose(np.array([0.3, -0.2, 0.1]), poses[30:])
+    result, _ = optimise(start, edges, np.full(len(edges), np.inf))
+    assert np.isfinite(result).all()
+    np.testing.assert_allclose(residuals(result, edges), 0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -90,7 +90,7 @@ def plain_field(cells):
     return field
 
 
-def plain_correlate(points, pose, angles, reach, cell_m, field, costs):
+def plain_correlate(points, pose, angles, shifts, cell_m, field, costs):
     """Best pose and its mean score by trying every shift and turn."""
     best = (-1e9, None, None)
     for angle in angles:
@@ -102,8 +102,8 @@ def plain_correlate(points, pose, angles, reach, cell_m, field, costs):
             )
             for p in points
         ]
-        for i in range(-reach, reach + 1):
-            for j in range(-reach, reach + 1):
+        for i in shifts:
+            for j in shifts:
                 score = sum(field.get((row + i, col + j), 0) for row, col in cells) / (255 * len(cells))
                 value = score - costs[0] * cell_m**2 * (i * i + j * j) - costs[1] * angle**2
                 if value > best[0] + 1e-12:

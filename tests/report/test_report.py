@@ -74,7 +74,7 @@ def write_run(folder, submaps=(), patch_sets=(), visits=(), settings=None):
         write_manifest(folder / name, Manifest(stage, effective, inputs, {}, summary, 1.0, __version__))
     write_scan_log(folder / "scans", log)
     write_tum(folder / "map" / "trajectory.tum", Trajectory(log.stamps_ns, np.zeros((N_SCANS, 3))))
-    write_beams(folder / "map" / "beams.npz", log.stamps_ns, labels)
+    write_beams(folder / "map" / "beams.npz", log.stamps_ns, labels, np.zeros(labels.shape, bool))
     for grid_name in ("map", "unfiltered", "round_1", "round_2"):
         write_map(folder / "map", grid_name, small_grid())
     header = "round,log_likelihood,dynamic_share,changed_labels,pose_shift_m\n"
@@ -93,7 +93,7 @@ def test_one_page_with_all_figures_and_nothing_to_load(tmp_path):
     write_run(tmp_path / "run", *changing(), settings={"map": {"max_rounds": 5}})
     page = report(tmp_path / "run", tmp_path / "out")
     figures = sorted(path.name for path in (tmp_path / "out" / "figures").iterdir())
-    assert figures == ["dynamic.png", "em.png", "map.png", "submap_000.png", "visits.png"]
+    assert figures == ["dynamic.png", "em.png", "map.png", "patch_map.png", "submap_000.png", "visits.png"]
     assert page.count("data:image/png;base64,") == len(figures)
     assert not re.search(r"(src|href)=\"(?!data:)", page)
     assert "<script" not in page
@@ -109,7 +109,7 @@ def test_the_same_bytes_in_another_place(tmp_path):
         write_run(tmp_path / place, *changing())
         report(tmp_path / place, tmp_path / f"out_{place}")
     files = [path.relative_to(tmp_path / "out_here") for path in (tmp_path / "out_here").rglob("*.*")]
-    assert len(files) == 6
+    assert len(files) == 7
     for name in files:
         assert (tmp_path / "out_here" / name).read_bytes() == (tmp_path / "out_there" / name).read_bytes()
 

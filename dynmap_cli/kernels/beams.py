@@ -1,0 +1,232 @@
+"""Where the beams of a scan start, point and end, in cells of a grid."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.kernels.jit import kernel
+
+START_X, START_Y, STEP_X, STEP_Y, LENGTH, IS_HIT = range(6)
+"""Rows of a table of beams: start in cells, unit vector, length in cells, 1 where something reflected."""
+BEAM_ROWS = 6
+
+
+@kernel
+def place_beams(
+    ranges_m: F32,
+    directions: F64,
+    sensor_pose: F64,
+    usable_m: float,
+    beam_interval_s: float,
+    twist: F64,
+    pose: F64,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    beams: F64,
+) -> None:
+    """Fill the table of one scan's beams; what says nothing has length 0 and is no hit.
+
+    Parameters
+    ----------
+    ranges_m : (n_beams,) float32
+        +inf = nothing within reach, negative = nothing up to this distance, NaN = says nothing.
+    directions : (n_beams, 2) float64
+        Unit vectors in the robot frame.
+    sensor_pose : (3,) float64
+    usable_m : float
+        Longer beams end nowhere and are cut here.
+    beam_interval_s : float
+        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
+    twist : (3,) float64
+        Velocity of the robot during the scan, in its frame.
+    pose : (3,) float64
+        map_from_robot at the first beam made.
+    resolution_m, origin_x_m, origin_y_m : float
+        Frame of the grid.
+    beams : (BEAM_ROWS, n_beams) float64
+    """
+    n_beams = ranges_m.shape[0]
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    sensor_x, sensor_y = sensor_pose[0], sensor_pose[1]
+    start_x = (pose[0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+    start_y = (pose[1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+    for beam in range(n_beams):
+        direction_x, direction_y = directions[beam, 0], directions[beam, 1]
+        beams[START_X, beam] = start_x
+        beams[START_Y, beam] = start_y
+        beams[STEP_X, beam] = cos * direction_x - sin * direction_y
+        beams[STEP_Y, beam] = sin * direction_x + cos * direction_y
+        distance = float(ranges_m[beam])
+        length = min(abs(distance), usable_m) / resolution_m
+        beams[LENGTH, beam] = 0.0 if math.isnan(distance) else length
+        beams[IS_HIT, beam] = 1.0 if 0.0 <= distance <= usable_m else 0.0
+    if beam_interval_s == 0.0:
+        return
+    for beam in range(n_beams):
+        elapsed_s = (beam if beam_interval_s > 0.0 else beam - n_beams + 1) * beam_interval_s
+        dx, dy = elapsed_s * twist[0], elapsed_s * twist[1]
+        x, y = pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
+        yaw = pose[2] + elapsed_s * twist[2]
+        cos_now, sin_now = math.cos(yaw), math.sin(yaw)
+        direction_x, direction_y = directions[beam, 0], directions[beam, 1]
+        beams[START_X, beam] = (x + cos_now * sensor_x - sin_now * sensor_y - origin_x_m) / resolution_m
+        beams[START_Y, beam] = (y + sin_now * sensor_x + cos_now * sensor_y - origin_y_m) / resolution_m
+        beams[STEP_X, beam] = cos_now * direction_x - sin_now * direction_y
+        beams[STEP_Y, beam] = sin_now * direction_x + cos_now * direction_y
+
+
+@kernel
+def cells_of_hits(beams: F64, rows: int, cols: int, out: I64) -> None:
+    """Write the flat index row * cols + col of the cell each beam ends in, -1 where it ends in none."""
+    for beam in range(beams.shape[1]):
+        col = np.floor(beams[START_X, beam] + beams[LENGTH, beam] * beams[STEP_X, beam])
+        row = np.floor(beams[START_Y, beam] + beams[LENGTH, beam] * beams[STEP_Y, beam])
+        within = 0 <= row < rows and 0 <= col < cols and beams[IS_HIT, beam] > 0.0
+        out[beam] = int(row * cols + col) if within else -1
+
+
+@kernel
+def find_end_cells(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
+    poses: F64,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    rows: int,
+    cols: int,
+    out: I32,
+) -> None:
+    """Write the flat index row * cols + col of the cell each beam ends in, -1 where it ends in none.
+
+    The arguments are those of `count_scans`; out is (n_scans, n_beams) int32.
+    """
+    beams = np.empty((BEAM_ROWS, ranges_m.shape[1]))
+    cells = np.empty(ranges_m.shape[1], dtype=np.int64)
+    for scan in range(ranges_m.shape[0]):
+        out[scan] = -1
+        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
+            continue
+        geometry = geometry_index[scan]
+        place_beams(
+            ranges_m[scan],
+            directions[geometry],
+            sensor_poses[geometry],
+            usable_m[geometry],
+            beam_interval_s[geometry],
+            twists[scan],
+            poses[scan],
+            resolution_m,
+            origin_x_m,
+            origin_y_m,
+            beams,
+        )
+        cells_of_hits(beams, rows, cols, cells)
+        for beam in range(cells.size):
+            out[scan, beam] = cells[beam]
+
+
+@kernel
+def widen_bounds(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    poses: F64,
+    bounds: F64,
+) -> None:
+    """Widen bounds until they hold all end points of some scans.
+
+    Parameters
+    ----------
+    ranges_m, geometry_index, directions, sensor_poses, usable_m, poses
+        As for `count_scans`.
+    bounds : (4,) float64
+        Least x and y, largest x and y, map frame, metres.
+    """
+    for scan in range(ranges_m.shape[0]):
+        geometry = geometry_index[scan]
+        x0, y0, yaw = poses[scan, 0], poses[scan, 1], poses[scan, 2]
+        if not math.isfinite(x0 + y0 + yaw):
+            continue
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        for beam in range(ranges_m.shape[1]):
+            distance = float(ranges_m[scan, beam])
+            if not (0.0 <= distance <= usable_m[geometry]):
+                continue
+            local_x = sensor_poses[geometry, 0] + distance * directions[geometry, beam, 0]
+            local_y = sensor_poses[geometry, 1] + distance * directions[geometry, beam, 1]
+            x, y = x0 + cos * local_x - sin * local_y, y0 + sin * local_x + cos * local_y
+            bounds[0], bounds[1] = min(bounds[0], x), min(bounds[1], y)
+            bounds[2], bounds[3] = max(bounds[2], x), max(bounds[3], y)
+
+
+@kernel
+def cut_at_walls(
+    ranges_m: F32,
+    geometry_index: I32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
+    poses: F64,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    is_wall: U8,
+    out: F32,
+) -> None:
+    """Write how far beams without return pass before they meet a wall that others see; NaN for all other beams.
+
+    Parameters
+    ----------
+    ranges_m ... origin_y_m
+        As for `count_scans`.
+    is_wall : (rows, cols) uint8
+        1 where a beam cannot have passed.
+    out : (n_scans, n_beams) float32
+        Minus the distance in metres.
+    """
+    rows, cols = is_wall.shape
+    beams = np.empty((BEAM_ROWS, ranges_m.shape[1]))
+    for scan in range(ranges_m.shape[0]):
+        out[scan] = math.nan
+        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
+            continue
+        geometry = geometry_index[scan]
+        place_beams(
+            ranges_m[scan],
+            directions[geometry],
+            sensor_poses[geometry],
+            usable_m[geometry],
+            beam_interval_s[geometry],
+            twists[scan],
+            poses[scan],
+            resolution_m,
+            origin_x_m,
+            origin_y_m,
+            beams,
+        )
+        for beam in range(ranges_m.shape[1]):
+            if not (ranges_m[scan, beam] > usable_m[geometry]):
+                continue
+            x0, y0 = beams[START_X, beam], beams[START_Y, beam]
+            dx, dy, length = beams[STEP_X, beam], beams[STEP_Y, beam], beams[LENGTH, beam]
+            t = 0.0
+            while t < length:
+                col, row = int(math.floor(x0 + t * dx)), int(math.floor(y0 + t * dy))
+                if 0 <= row < rows and 0 <= col < cols and is_wall[row, col]:
+                    break
+                t += 0.7
+            out[scan, beam] = -max(min(t, length) - 1.0, 0.0) * resolution_m
