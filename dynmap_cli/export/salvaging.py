@@ -42,10 +42,10 @@ class Salvaged:
         return {"output": str(self.out_path), "messages": dict(self.messages), "losses": self.losses}
 
     def lines(self) -> list[str]:
-        """For people."""
-        whole = [] if self.losses else ["nothing was lost: the recording is whole"]
-        total = f"salvaged {self.messages.total()} messages on {len(self.messages)} topics"
-        return [*self.losses, *whole, f"{total}  {self.out_path}"]
+        """For people; the losses stand on the screen of the recording already."""
+        whole = "" if self.losses else "; nothing was lost, the recording is whole"
+        total = f"salvaged {self.messages.total()} messages on {len(self.messages)} topics{whole}"
+        return [total, f"recording  {self.out_path}"]
 
 
 def write_salvaged(paths: Sequence[Path], out_path: Path, settings: IngestSettings) -> Salvaged:
