@@ -13,6 +13,7 @@ from dynmap_cli import __version__
 from dynmap_cli.errors import DynmapError
 
 VERBS = (
+    "check",
     "build",
     "update",
     "edit",
@@ -25,7 +26,6 @@ VERBS = (
     "timeline",
     "explain",
     "clean",
-    "info",
     "simulate",
     "evaluate",
     "config",

@@ -107,12 +107,15 @@ def reading_options(function: Function) -> Function:
 
 
 def recording_options(function: Function) -> Function:
-    """Add --scan-topic, --odom and --laser-pose, which stand for settings of the section `ingest`."""
+    """Add --scan-topic, --odom, --laser-pose and --strict, which stand for settings of the section `ingest`."""
 
     @click.option("--scan-topic", help="Topic of the laser scans (default: found on its own).")
     @click.option("--odom", help="Odometry: a topic, 'tf' or 'none' (default: found on its own).")
     @click.option(
         "--laser-pose", metavar="X,Y,YAW", help="Pose of the laser on the robot, metres and radians."
+    )
+    @click.option(
+        "--strict", is_flag=True, help="Refuse a damaged recording instead of using what is whole in it."
     )
     @functools.wraps(function)
     def wrapper(
@@ -120,12 +123,14 @@ def recording_options(function: Function) -> Function:
         scan_topic: str | None,
         odom: str | None,
         laser_pose: str | None,
+        strict: bool,
         **kwargs: Any,
     ) -> None:
         settings = {
             "ingest.scan_topic": scan_topic,
             "ingest.odom": odom,
             "ingest.laser_pose": None if laser_pose is None else three_numbers("--laser-pose", laser_pose),
+            "ingest.strict": strict or None,
         }
         function(*args, settings=settings, **kwargs)
 

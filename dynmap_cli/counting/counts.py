@@ -353,7 +353,7 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
         return frame_around(corners, resolution_m, 2 * resolution_m)
     except ValueError as err:
         msg = (
-            f"{', '.join(log.recordings)}: {err}. Check odometry, tf and --laser-pose with `dynmap info`, "
+            f"{', '.join(log.recordings)}: {err}. Check odometry, tf and --laser-pose with `dynmap check`, "
             "or choose a larger map.resolution_m."
         )
         raise LogError(msg) from err
@@ -371,6 +371,6 @@ def _refuse_jumps(log: ScanLog, poses: F64) -> None:
         msg = (
             f"{', '.join(log.recordings)}: the path jumps by {steps_m[first]:.4g} m between two scans that are "
             f"{gaps_s[first]:.3g} s apart, at most {_JUMP_M:g} m and {_JUMP_MPS:g} m/s are taken for a drive. "
-            "Check the odometry with `dynmap info`; pass --odom to choose another one, or none."
+            "Check the odometry with `dynmap check`; pass --odom to choose another one, or none."
         )
         raise LogError(msg)

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
-
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.export.labels import LABEL_SUFFIX, BeamLabels
-from dynmap_cli.export.messages import Container, UnreadableContainerError, in_order, open_container
+from dynmap_cli.export.mcap_copy import McapCopy
+from dynmap_cli.export.messages import Container, in_order, open_container
 from dynmap_cli.export.scan_bytes import parse_scan
+from dynmap_cli.export.sources import copy_sources
 from dynmap_cli.export.text_logs import TextChoices, text_container
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.ingest.carmen import read_carmen
-from dynmap_cli.ingest.containers import Source, find_sources
-from dynmap_cli.ingest.ros_messages import LASER_TYPES
+from dynmap_cli.ingest.containers import Source
+from dynmap_cli.ingest.kinds import CLOUD_TYPES, FOXGLOVE_TYPES, LASER_TYPES
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.ingest.stored import Channel, StoredMessage
+from dynmap_cli.ingest.stored import StoredMessage
 from dynmap_cli.ingest.wean import read_wean
 
+_FOREIGN_TYPES = {*CLOUD_TYPES, *(name for name in FOXGLOVE_TYPES if name.endswith("LaserScan"))}
 _ENCODINGS = ("cdr", "ros1")
 _TEXT_READERS = {"carmen": read_carmen, "wean": read_wean}
 
@@ -44,6 +44,8 @@ class Cleaned:
         Copied byte for byte.
     losses : list of str
         What was lost of recordings that are damaged, one sentence each.
+    foreign_scans : set of str
+        Topics of scans and clouds of types that are not rewritten.
     """
 
     scans: Counter[str] = field(default_factory=Counter)
@@ -52,6 +54,7 @@ class Cleaned:
     other_scans: Counter[str] = field(default_factory=Counter)
     other_messages: int = 0
     losses: list[str] = field(default_factory=list)
+    foreign_scans: set[str] = field(default_factory=set)
 
 
 def write_clean(
@@ -77,7 +80,7 @@ def write_clean(
         Keep the scans, and put the static probabilities beside them: intensities of scans on
         TOPIC/static_probability.
     settings : IngestSettings
-        How much may be unpacked.
+        How much may be unpacked, and whether damaged recordings are used.
 
     Raises
     ------
@@ -86,16 +89,11 @@ def write_clean(
     ArtifactError
         If the recordings are not those of the labels, or the output cannot be written.
     """
-    refused: dict[Path, str] = {}
-    with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
-        limit_bytes = int(settings.max_unpacked_gib * 2**30)
-        sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        while True:
-            try:
-                return _write(sources, refused, out_path, labels, text=text, is_label=is_label)
-            except UnreadableContainerError as err:
-                # It may show only on the way: begin again, and read this one record by record.
-                refused[err.path] = err.why
+    return copy_sources(
+        paths,
+        settings,
+        lambda sources, refused: _write(sources, refused, out_path, labels, text=text, is_label=is_label),
+    )
 
 
 def _write(
@@ -113,20 +111,29 @@ def _write(
     with ExitStack() as stack:
         containers = [one for source in sources for one in _opened(source, refused, text, stack)]
         with replacing(out_path) as part, part.open("wb") as stream:
-            writer = _McapCopy(Writer(stream, compression=CompressionType.ZSTD, enable_crcs=True), containers)
+            writer = McapCopy(stream, containers, "dynmap clean")
             for stored in in_order(containers):
                 _take(stored, writer, labels, done, is_label=is_label)
             missing = int((~labels.was_found).sum())
             if missing == labels.was_found.size or (missing and not refused):
-                names = ", ".join(source.name for source in sources)
-                msg = (
-                    f"{names}: {missing} of the {labels.was_found.size} scans of the run are not "
-                    "in it. Pass the recordings that the run was made from, or leave out --run."
-                )
-                raise ArtifactError(msg)
+                raise _not_found(sources, missing, labels, done)
             writer.finish()
     done.losses = [one.damage.line() for one in containers if one.damage]
     return done
+
+
+def _not_found(sources: Sequence[Source], missing: int, labels: BeamLabels, done: Cleaned) -> ArtifactError:
+    """One line for scans of the run that are not in the recordings."""
+    names, total = ", ".join(source.name for source in sources), labels.was_found.size
+    if missing == total and done.foreign_scans:
+        topics = ", ".join(sorted(done.foreign_scans))
+        return ArtifactError(
+            f"{names}: only LaserScan and MultiEchoLaserScan of ROS are rewritten, not {topics}"
+        )
+    return ArtifactError(
+        f"{names}: {missing} of the {total} scans of the run are not in it. Pass the recordings that the run was made "
+        "from, or leave out --run."
+    )
 
 
 def _opened(
@@ -139,12 +146,14 @@ def _opened(
 
 
 def _take(
-    stored: StoredMessage, writer: _McapCopy, labels: BeamLabels, done: Cleaned, *, is_label: bool
+    stored: StoredMessage, writer: McapCopy, labels: BeamLabels, done: Cleaned, *, is_label: bool
 ) -> None:
     """Write one message, and its labels."""
     channel = stored.channel
     if channel.message_encoding not in _ENCODINGS or channel.message_type not in LASER_TYPES:
         done.other_messages += 1
+        if channel.message_type in _FOREIGN_TYPES:
+            done.foreign_scans.add(channel.topic)
         writer.add(stored)
         return
     try:
@@ -168,41 +177,3 @@ def _take(
     beside = replace(channel, topic=channel.topic + LABEL_SUFFIX)
     values = labels.static_probability(row, scan.offsets.size)
     writer.add(stored._replace(channel=beside, data=scan.with_intensities(values)))
-
-
-class _McapCopy:
-    """Writes messages with their channels; attachments and metadata of MCAP files come first."""
-
-    def __init__(self, writer: Writer, containers: Sequence[Container]) -> None:
-        self._writer = writer
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._channels: dict[Channel, int] = {}
-        profiles = {container.profile for container in containers}
-        writer.start(profile=profiles.pop() if len(profiles) == 1 else "", library="dynmap clean")
-        for container in containers:
-            for one in container.attachments:
-                writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
-            for note in container.metadata:
-                writer.add_metadata(note.name, note.metadata)
-
-    def add(self, stored: StoredMessage) -> None:
-        """Write a message as it is."""
-        number = self._channels.get(stored.channel)
-        if number is None:
-            number = self._channels[stored.channel] = self._register(stored.channel)
-        self._writer.add_message(
-            number, stored.logged_ns, stored.data, stored.published_ns, sequence=stored.sequence
-        )
-
-    def finish(self) -> None:
-        """Write index and summary."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-
-    def _register(self, channel: Channel) -> int:
-        """Announce a channel, and its schema where it is new."""
-        schema = channel.schema_name, channel.schema_encoding, channel.schema_data
-        if channel.schema_name and schema not in self._schemas:
-            self._schemas[schema] = self._writer.register_schema(*schema)
-        return self._writer.register_channel(
-            channel.topic, channel.message_encoding, self._schemas.get(schema, 0), dict(channel.metadata)
-        )

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from dynmap_cli.ingest.bags import UnreadableBagError, check_index
 from dynmap_cli.ingest.containers import Source
-from dynmap_cli.ingest.mcap_records import mcap_extras
+from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_extras, summary_state
 from dynmap_cli.ingest.raw import file_name
 from dynmap_cli.ingest.salvage import Span, stored_messages
 from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
@@ -115,6 +115,8 @@ def open_container(source: Source, refused: Mapping[Path, str], stack: ExitStack
 
 def _open_mcap(path: Path, stack: ExitStack) -> Container:
     """Open an MCAP file of any profile."""
+    if summary_state(path) is SummaryState.BROKEN:
+        raise UnreadableContainerError(path, BROKEN_SUMMARY)
     try:
         reader = make_reader(stack.enter_context(path.open("rb")), validate_crcs=True)
         if reader.get_summary() is None:

@@ -6,20 +6,25 @@ import functools
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest import protobuf
+from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
+from dynmap_cli.ingest.kinds import TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
 from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import RawRecording, Topic
-from dynmap_cli.ingest.ros_messages import TRANSFORM_TYPES, USED_TYPES, Message, take_messages
-from dynmap_cli.ingest.stored import words_of
+from dynmap_cli.ingest.ros_messages import Message, take_messages
+from dynmap_cli.ingest.stored import Channel, words_of
 
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
@@ -73,10 +78,14 @@ def _open(path: Path) -> Iterator[AnyReader]:
     """Open a bag; whatever the library raises then becomes one error."""
     reader = None
     try:
+        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+            if file.suffix == ".mcap" and summary_state(file) is SummaryState.BROKEN:
+                raise UnreadableBagError(BROKEN_SUMMARY)
         reader = AnyReader([path], default_typestore=_ros2_types())
         reader.open()
         for inner in reader.readers:
             check_index(inner)
+        _check_definitions(reader)
     except UnreadableBagError:
         raise
     except Exception as err:
@@ -98,6 +107,26 @@ def check_index(reader: Any) -> None:
         raise UnreadableBagError(msg)
 
 
+def _check_definitions(reader: AnyReader) -> None:
+    """Refuse a bag in which a standard type that is used, or one inside it, lacks fields: its definition is broken."""
+    standard = _ros2_types() if reader.is2 else _ros1_types()
+    waiting = [connection.msgtype for connection in reader.connections if connection.msgtype in USED_TYPES]
+    seen: set[str] = set()
+    while waiting:
+        kind = waiting.pop()
+        if kind in seen or kind not in standard.fielddefs:
+            continue
+        seen.add(kind)
+        own = {name for name, _ in reader.typestore.fielddefs[kind][1]}
+        for name, (node, detail) in standard.fielddefs[kind][1]:
+            if name not in own:
+                msg = f"its definition of {kind} has no field {name}"
+                raise UnreadableBagError(msg)
+            inner = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
+            if inner[0] == Nodetype.NAME:
+                waiting.append(str(inner[1]))
+
+
 def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
     """Messages of the types that are used, in the order of their recording."""
     wanted = [connection for connection in reader.connections if connection.msgtype in USED_TYPES]
@@ -113,12 +142,14 @@ def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
         except Exception as err:
             raise UnreadableBagError(words_of(err)) from err
         found += 1
+        topic = printable(connection.topic)
         try:
             content: Any = reader.deserialize(raw, connection.msgtype)
+            said = as_ros(Message(topic, connection.msgtype, logged_ns, content))
         except Exception as err:
-            decoding_failed(recording, printable(connection.topic), err)
+            decoding_failed(recording, topic, err)
             continue
-        yield Message(printable(connection.topic), connection.msgtype, logged_ns, content)
+        yield from said
     stated = sum(connection.msgcount for connection in wanted)
     if found != stated:
         msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
@@ -128,21 +159,39 @@ def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
 @functools.cache
 def _ros2_types() -> Typestore:
     """Message types for bags that do not define theirs."""
-    return get_typestore(_ROS2_DEFAULT)
+    return _with_foxglove(get_typestore(_ROS2_DEFAULT))
 
 
 @functools.cache
-def message_decoders() -> dict[str, Callable[[bytes, str], Any]]:
-    """Functions (data, type) -> message for each encoding of ROS, for readers of other containers."""
-    ros1 = get_typestore(Stores.ROS1_NOETIC)
+def _ros1_types() -> Typestore:
+    """The same for ROS 1."""
+    store = get_typestore(Stores.ROS1_NOETIC)
     for kind in TRANSFORM_TYPES:
-        ros1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
-    return {"cdr": _ros2_types().deserialize_cdr, "ros1": ros1.deserialize_ros1}
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
+    return _with_foxglove(store)
+
+
+def _with_foxglove(store: Typestore) -> Typestore:
+    """Add the types of Foxglove."""
+    for kind, definition in DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, kind))
+    return store
+
+
+def decode_message(channel: Channel, data: bytes) -> Any:
+    """Take a message apart by the encoding of its channel, one of `READ_TYPES`; for readers of other containers."""
+    if channel.message_encoding == "json":
+        return decode_json(data)
+    if channel.message_encoding == "protobuf":
+        return protobuf.decode(data, channel.schema_data, channel.schema_name)
+    if channel.message_encoding == "ros1":
+        return _ros1_types().deserialize_ros1(data, channel.message_type)
+    return _ros2_types().deserialize_cdr(data, channel.message_type)
 
 
 def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:
     """Count a message that is not what its type says."""
-    recording.dropped[f"message on {topic} that cannot be decoded"] += 1
+    recording.drop_broken(f"message on {topic} that cannot be decoded")
     _log.debug("%s: %s: %s", recording.name, topic, words_of(err))
 
 

@@ -40,7 +40,7 @@ _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 def read_carmen(path: Path, name: str) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
     reader = _Reader(RawRecording(name, "CARMEN text"))
-    for line in text_lines(path, reader.recording.dropped):
+    for line in text_lines(path, reader.recording.drop_broken):
         words = line.split(None, 1)
         if words and not words[0].startswith(b"#"):
             reader.take(words[0], line)
@@ -146,7 +146,7 @@ class _Reader:
 
     def _lost(self, word: str) -> None:
         """Count a line that does not parse."""
-        self.recording.dropped[f"{word} line that does not parse"] += 1
+        self.recording.drop_broken(f"{word} line that does not parse")
 
     def finish(self) -> None:
         """Parse the rest, find how the lasers are mounted, and replace stamps that were lost."""

@@ -9,12 +9,12 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawLaser, RawRecording
+from dynmap_cli.ingest.track_quality import jumps_m
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
 _MOST_BEAMS = 8
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
-_JUMP_M, _JUMP_M_PER_S = 1.0, 20.0
 
 
 def drop_impossible(recording: RawRecording) -> None:
@@ -88,13 +88,11 @@ def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:
 def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None:
     """Say where the odometry jumps farther than anything drives."""
     known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    steps_m = np.hypot(*np.diff(poses[known, :2], axis=0).T)
-    gaps_s = np.diff(columns.stamps_ns[known]) * 1e-9
-    jumps_m = steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s]
-    if jumps_m.size:
-        often = "once" if jumps_m.size == 1 else f"{jumps_m.size} times"
+    found_m = jumps_m(columns.stamps_ns[known], poses[known])
+    if found_m.size:
+        often = "once" if found_m.size == 1 else f"{found_m.size} times"
         recording.warnings.append(
-            f"the odometry jumps {often} between one scan and the next, by up to {jumps_m.max():.1f} m: "
+            f"the odometry jumps {often} between one scan and the next, by up to {found_m.max():.1f} m: "
             "it was reset or is damaged; pass --odom to choose another, or none"
         )
 

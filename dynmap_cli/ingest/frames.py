@@ -147,12 +147,15 @@ class Mounting:
         Within 10 deg.
     moves : bool
         It swings or tilts on the robot.
+    is_assumed : bool
+        Nothing says so.
     """
 
     robot_from_sensor: F64
     is_upside_down: bool
     is_level: bool
     moves: bool
+    is_assumed: bool = False
 
 
 def find_mounting(tree: FrameTree, base: str, sensor: str, stamps_ns: I64) -> Mounting | None:

@@ -10,9 +10,11 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
+from enum import Enum
+from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +35,37 @@ _CHUNK = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 _BROKEN = "a record is broken"
+BROKEN_SUMMARY = "its summary fails its checksum"
+_FOOTER = struct.Struct("<BQQQI")
+_FOOTER_CONTENT_BYTES = 20
+_CHUNK_INDEX = struct.Struct("<QQQ")
+_DATA_END_BYTES = 13
+
+
+class SummaryState(Enum):
+    """Whether the summary of a file can be believed."""
+
+    UNKNOWN = "there is none, or it has no checksum"
+    WHOLE = "it has the checksum it should have"
+    BROKEN = "it has another"
+
+
+def summary_state(path: Path) -> SummaryState:
+    """Compare the summary of a file with its checksum, which covers it and the footer up to the checksum."""
+    with path.open("rb") as stream:
+        size = stream.seek(0, SEEK_END)
+        footer_start = size - _MAGIC_BYTES - _FOOTER.size
+        if footer_start < _MAGIC_BYTES:
+            return SummaryState.UNKNOWN
+        stream.seek(footer_start)
+        op, length, summary_start, _, checksum = _FOOTER.unpack(stream.read(_FOOTER.size))
+        if (op, length) != (Opcode.FOOTER, _FOOTER_CONTENT_BYTES) or checksum == 0 or summary_start == 0:
+            return SummaryState.UNKNOWN
+        if summary_start > footer_start:
+            return SummaryState.BROKEN
+        stream.seek(summary_start)
+        covered = stream.read(size - _MAGIC_BYTES - _U32.size - summary_start)
+    return SummaryState.WHOLE if zlib.crc32(covered) == checksum else SummaryState.BROKEN
 
 
 class _Record(NamedTuple):
@@ -51,32 +84,32 @@ class _Names:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
 
-    def learn(self, record: _Record, view: memoryview) -> None:
-        """Note a schema or channel; one that is broken stays unknown."""
+    def learn(self, record: _Record, view: memoryview, *, is_checked: bool) -> None:
+        """Note a schema or channel; a broken one stays unknown, one under a checksum overrules one that is not."""
         if record.op not in {Opcode.SCHEMA, Opcode.CHANNEL}:
             return
         stream = ReadDataStream(BytesIO(view[record.start : record.end]))
         try:
             if record.op == Opcode.SCHEMA:
                 found = Schema.read(stream)
-                self.schemas.setdefault(found.id, found)
+                if is_checked or found.id not in self.schemas:
+                    self.schemas[found.id] = found
             else:
-                self._add(ChannelRecord.read(stream))
+                self._add(ChannelRecord.read(stream), is_checked=is_checked)
         except (*DAMAGE, McapError):
             return
 
-    def _add(self, record: ChannelRecord) -> None:
+    def _add(self, record: ChannelRecord, *, is_checked: bool) -> None:
+        if record.id in self.channels and not is_checked:
+            return
         schema = self.schemas.get(record.schema_id)
-        self.channels.setdefault(
-            record.id,
-            Channel(
-                printable(record.topic),
-                record.message_encoding,
-                printable(schema.name) if schema else "",
-                schema.encoding if schema else "",
-                schema.data if schema else b"",
-                tuple(record.metadata.items()),
-            ),
+        self.channels[record.id] = Channel(
+            printable(record.topic),
+            record.message_encoding,
+            printable(schema.name) if schema else "",
+            schema.encoding if schema else "",
+            schema.data if schema else b"",
+            tuple(record.metadata.items()),
         )
 
 
@@ -85,7 +118,7 @@ def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...
     with path.open("rb") as stream:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     attachments, metadata = [], []
-    for record in _records(view, _MAGIC_BYTES, Losses()):
+    for record in _records(view, _MAGIC_BYTES, Losses(), _known_places(view, summary_state(path))):
         if not record.is_whole or record.op not in {Opcode.ATTACHMENT, Opcode.METADATA}:
             continue
         content = bytes(view[record.start : record.end])
@@ -100,15 +133,27 @@ def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...
 
 
 def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
-    """Yield what can be read: without chunks that fail their checksum, up to the first record that is broken."""
+    """Yield what can be read: without chunks that fail their checksum, and up to the first record that is broken.
+
+    Behind that one reading goes on with the next chunk, where there is a summary that can be believed.
+    """
     with path.open("rb") as stream:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     losses.n_bytes += len(view)
     names = _Names()
-    for record in _records(view, _MAGIC_BYTES, Losses()):
-        names.learn(record, view)
+    summary = summary_state(path)
+    if summary is SummaryState.BROKEN:
+        losses.note(BROKEN_SUMMARY)
+    places = _known_places(view, summary)
+    is_checked = False
+    for record in _records(view, _MAGIC_BYTES, Losses(), places):
+        if record.op == Opcode.DATA_END:
+            if summary is SummaryState.BROKEN:
+                break
+            is_checked = summary is SummaryState.WHOLE
+        names.learn(record, view, is_checked=is_checked)
     is_closed = False
-    for record in _records(view, _MAGIC_BYTES, losses):
+    for record in _records(view, _MAGIC_BYTES, losses, places):
         is_closed |= record.op in {Opcode.DATA_END, Opcode.FOOTER}
         if record.op == Opcode.CHUNK:
             yield from _chunk(record, view, names, losses)
@@ -135,7 +180,7 @@ def _chunk(record: _Record, view: memoryview, names: _Names, losses: Losses) -> 
         return
     found = Losses()
     for inner_record in _records(inner, 0, found):
-        names.learn(inner_record, inner)
+        names.learn(inner_record, inner, is_checked=record.is_whole and checksum != 0)
         if inner_record.op == Opcode.MESSAGE and inner_record.is_whole:
             yield from _message(inner_record, inner, names, losses)
     if found.why:
@@ -156,8 +201,25 @@ def _message(record: _Record, view: memoryview, names: _Names, losses: Losses) -
     yield StoredMessage(logged_ns, published_ns, sequence, names.channels[number], data)
 
 
-def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Record]:
-    """The records of a file or chunk up to its end; one that is cut off comes as far as it goes."""
+def _known_places(view: memoryview, summary: SummaryState) -> tuple[int, ...]:
+    """Where chunks, and at last the end of the data, begin, by a summary that can be believed; ascending."""
+    if summary is not SummaryState.WHOLE:
+        return ()
+    _, _, summary_start, *_ = _FOOTER.unpack_from(view, len(view) - _MAGIC_BYTES - _FOOTER.size)
+    found = {summary_start - _DATA_END_BYTES}
+    for record in _records(view, summary_start, Losses()):
+        if record.op == Opcode.CHUNK_INDEX and record.end - record.start >= _CHUNK_INDEX.size:
+            found.add(_CHUNK_INDEX.unpack_from(view, record.start)[2])
+    return tuple(sorted(place for place in found if _MAGIC_BYTES <= place < summary_start))
+
+
+def _records(
+    view: memoryview, position: int, losses: Losses, places: tuple[int, ...] = ()
+) -> Iterator[_Record]:
+    """The records of a file or chunk up to its end; one that is cut off comes as far as it goes.
+
+    No record reaches over one of the *places*: reading goes on there behind one that is broken.
+    """
     while position < len(view):
         if bytes(view[position : position + _MAGIC_BYTES]) == _MAGIC:
             return
@@ -166,6 +228,16 @@ def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Recor
             return
         op, size = _FRAME.unpack_from(view, position)
         start = position + _FRAME.size
+        number = bisect_right(places, position)
+        limit = places[number] if number < len(places) else None
+        if limit is not None and (op == 0 or start + size > limit):
+            # A chunk says once more, inside, how long it is.
+            is_chunk = op == Opcode.CHUNK and position in places
+            losses.note(_BROKEN, n_bytes=0 if is_chunk else limit - position)
+            if is_chunk:
+                yield _Record(op, start, limit, True)
+            position = limit
+            continue
         if op == 0:
             losses.note(_BROKEN, n_bytes=len(view) - position)
             return

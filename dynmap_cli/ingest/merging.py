@@ -135,6 +135,7 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
         edge.values += transform.values
     joined.topics += recording.topics
     joined.dropped += recording.dropped
+    joined.damage += recording.damage
     joined.warnings += recording.warnings
     joined.n_read += recording.n_read
 

@@ -44,8 +44,8 @@ class Odometry:
     why : str
     poses : (n, 3) float64
         odom_from_robot at each asked time; NaN where unknown.
-    longest_gap_s, path_m : float
-        Longest pause, and distance driven in the order of recording, of the source itself.
+    longest_gap_s, path_m, rate_hz : float
+        Longest pause, distance driven in the order of recording, and poses per second (median), of the source itself.
     rejected : tuple of str
         Sources that were left out, each with the reason.
     """
@@ -56,6 +56,7 @@ class Odometry:
     longest_gap_s: float
     path_m: float
     rejected: tuple[str, ...] = ()
+    rate_hz: float = 0.0
 
 
 def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings) -> str:
@@ -200,15 +201,18 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
     poses = tree.transform(odom, base, stamps_ns)
     if poses is None:
         return None
-    gaps = [
-        float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9
-        for edge in (tree.edge_between(a, b) for a, b in pairwise(steps))
-    ]
+    edges = [tree.edge_between(a, b) for a, b in pairwise(steps)]
+    gaps = [float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9 for edge in edges]
     flat = planar(poses)
     known = flat[np.isfinite(flat).all(axis=1)]
     path_m = path_length_m(known)
     return Odometry(
-        f"tf {odom} -> {base}", "transforms of the odometry frame", flat, max(gaps, default=0.0), path_m
+        f"tf {odom} -> {base}",
+        "transforms of the odometry frame",
+        flat,
+        max(gaps, default=0.0),
+        path_m,
+        rate_hz=min((_rate_hz(edge.stamps_ns) for edge in edges if not edge.is_fixed), default=0.0),
     )
 
 
@@ -224,7 +228,13 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
             why = f"odometry messages; '{track.child}' taken to be '{base}'"
     gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
     path_m = path_length_m(np.array(track.poses))
-    return Odometry(track.name, why, interpolate(stamps, poses, stamps_ns), gap_s, path_m)
+    at_sweeps = interpolate(stamps, poses, stamps_ns)
+    return Odometry(track.name, why, at_sweeps, gap_s, path_m, rate_hz=_rate_hz(stamps))
+
+
+def _rate_hz(stamps_ns: I64) -> float:
+    """One over the median time between ascending stamps; 0 with fewer than two."""
+    return 1e9 / float(np.median(np.diff(stamps_ns))) if stamps_ns.size > 1 else 0.0
 
 
 def path_length_m(poses: F64) -> float:

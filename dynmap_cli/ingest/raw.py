@@ -176,6 +176,8 @@ class RawRecording:
     transforms : dict of (parent, child) to RawTransform
     dropped : Counter
         How many messages or lines were left out, by reason.
+    damage : list of str
+        What is broken in the file itself, without repetition; nothing else makes it a damaged one.
     warnings : list of str
     n_read : int
         Messages or lines that were read and understood.
@@ -188,8 +190,15 @@ class RawRecording:
     odometry: dict[str, RawOdometry] = field(default_factory=dict)
     transforms: dict[tuple[str, str], RawTransform] = field(default_factory=dict)
     dropped: Counter[str] = field(default_factory=Counter)
+    damage: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     n_read: int = 0
+
+    def drop_broken(self, what: str) -> None:
+        """Count a message or line that is broken."""
+        self.dropped[what] += 1
+        if what not in self.damage:
+            self.damage.append(what)
 
 
 def file_name(name: str) -> str:

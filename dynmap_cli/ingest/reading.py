@@ -14,6 +14,7 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
@@ -34,7 +35,6 @@ from dynmap_cli.ingest.merging import (
     find_drives,
     find_restart,
     join_recordings,
-    period_s_of,
 )
 from dynmap_cli.ingest.odometry import (
     Odometry,
@@ -44,7 +44,7 @@ from dynmap_cli.ingest.odometry import (
 )
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
-from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport, join_reports
+from dynmap_cli.ingest.report import IngestReport, join_reports
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.wean import read_wean
 
@@ -52,7 +52,7 @@ _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
 _FARTHEST_LASER_M = 20.0
-_IDENTITY = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False)
+_AT_CENTRE = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False, is_assumed=True)
 
 
 def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[ScanLog, IngestReport]:
@@ -133,7 +133,7 @@ def _merge_drive(
     if follows_arrival:
         arrival = np.argsort(np.argsort(columns.reading_index, kind="stable"), kind="stable")
         log = replace(log, arrival_index=arrival.astype(np.int32))
-    report = _report(drive, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree)
+    report = report_on(drive, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree)
     return log, report
 
 
@@ -142,8 +142,10 @@ def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[Raw
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
         sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        recordings = [_load(source) for source in sources]
+        recordings = [_load(source, settings) for source in sources]
     for recording in recordings:
+        if settings.strict and recording.damage:
+            raise _refused(recording)
         drop_impossible(recording)
     return recordings
 
@@ -155,9 +157,17 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
             found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
             msg = (
                 f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{_lost(recording)}. "
-                "Record sensor_msgs/LaserScan, or pass another recording."
+                "Record sensor_msgs/LaserScan or PointCloud2, or pass another recording."
             )
             raise LogError(msg)
+
+
+def _refused(recording: RawRecording) -> LogError:
+    """One line for a damaged recording that is not to be read in part."""
+    return LogError(
+        f"{recording.name}: this {recording.kind} is damaged ({'; '.join(recording.damage[:3])}){_lost(recording)}. "
+        "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
+    )
 
 
 def _lost(recording: RawRecording) -> str:
@@ -166,7 +176,7 @@ def _lost(recording: RawRecording) -> str:
     return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
-def _load(source: Source) -> RawRecording:
+def _load(source: Source, settings: IngestSettings) -> RawRecording:
     """Read one recording with the reader of its format."""
     _log.debug("%s: %s", source.name, source.kind)
     if source.kind == "carmen":
@@ -175,13 +185,18 @@ def _load(source: Source) -> RawRecording:
         return read_wean(source.path, source.name)
     # Text logs do without the libraries for bags.
     from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
+    from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
     from dynmap_cli.ingest.salvage import read_salvaged
 
     kind = _BAG_NAMES[source.kind]
     try:
-        return read_bag(source.path, source.name, kind)
+        recording = read_bag(source.path, source.name, kind)
     except UnreadableBagError as err:
-        return read_salvaged(source.path, source.name, kind, err)
+        recording = read_salvaged(source.path, source.name, kind, err)
+    clouds = wanted_clouds(recording, settings)
+    if clouds:
+        add_clouds(recording, source.path, clouds, settings)
+    return recording
 
 
 def _chosen_lasers(
@@ -219,7 +234,7 @@ def _mounting_of(choice: LaserChoice, settings: IngestSettings, joined: RawRecor
         f"{laser.name}: the recording does not say where {frame} sits on the robot; "
         "taken to be its centre. Pass --laser-pose X,Y,YAW"
     )
-    return _IDENTITY
+    return _AT_CENTRE
 
 
 def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64:
@@ -308,77 +323,4 @@ def _scan_log(
         beam_interval_s=columns.beam_interval_s,
         recording_index=columns.recording_index,
         recordings=names,
-    )
-
-
-def _report(
-    drive: Drive,
-    joined: RawRecording,
-    choices: Sequence[LaserChoice],
-    mountings: Sequence[Mounting],
-    verdicts: Sequence[NoReturn],
-    odometry: Odometry,
-    log: ScanLog,
-    out_of_order: int,
-    base: str,
-    tree: FrameTree,
-) -> IngestReport:
-    """Say what was found and decided."""
-    used = [choice for choice in choices if choice.used]
-    decided = {
-        id(choice): pair for choice, pair in zip(used, zip(mountings, verdicts, strict=True), strict=True)
-    }
-    span_s = float(log.stamps_ns[-1] - log.stamps_ns[0]) * 1e-9
-    return IngestReport(
-        recordings=tuple(
-            RecordingReport(file_name(found.name), found.kind, found.n_read, tuple(found.topics))
-            for found in drive.recordings
-        ),
-        lasers=tuple(_laser_report(choice, decided.get(id(choice))) for choice in choices),
-        scans=log.n_scans,
-        geometries=log.sensor_poses.shape[0],
-        span_s=round(span_s, 3),
-        rate_hz=round((log.n_scans - 1) / span_s, 3) if span_s > 0 else 0.0,
-        out_of_order=out_of_order,
-        base_frame=base,
-        frames=tree.frames,
-        odometry=odometry.source,
-        odometry_why=odometry.why,
-        odometry_rejected=odometry.rejected,
-        odometry_path_m=round(odometry.path_m, 3),
-        odometry_longest_gap_s=round(odometry.longest_gap_s, 3),
-        scans_without_odometry=int(np.count_nonzero(~log.has_odometry)),
-        dropped=dict(joined.dropped),
-        warnings=tuple(joined.warnings),
-        why_apart=drive.why_apart,
-    )
-
-
-def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None) -> LaserReport:
-    """Say what is known of one laser."""
-    laser = choice.view.laser
-    counts = [shape.n_beams for shape in laser.shapes]
-    stated = laser.usual_shape.range_max_m
-    period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
-    mounting, verdict = decided or (choice.view.mounting, None)
-    pose = None
-    if mounting is not None:
-        x, y, yaw = (round(float(value), 6) for value in mounting.robot_from_sensor)
-        pose = (x, y, yaw)
-    return LaserReport(
-        name=laser.name,
-        frame=laser.frame,
-        used=choice.used,
-        why=choice.why,
-        scans=laser.n_scans,
-        beams=(min(counts), max(counts)),
-        field_of_view_deg=round(float(np.degrees(choice.view.field_of_view_rad)), 2),
-        rate_hz=round(1.0 / period_s, 3) if period_s > 0 else 0.0,
-        reach_m=round(stated, 3) if np.isfinite(stated) else None,
-        pose=pose,
-        upside_down=mounting.is_upside_down if mounting else False,
-        no_return=verdict.policy if verdict else "",
-        no_return_why=verdict.why if verdict else "",
-        share_no_return=round(verdict.share_no_return, 5) if verdict else 0.0,
-        share_no_measurement=round(verdict.share_nothing, 5) if verdict else 0.0,
     )

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.ingest.raw import Topic
+from dynmap_cli.ingest.timing import Timing
+from dynmap_cli.ingest.track_quality import TrackQuality
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +50,15 @@ class LaserReport:
     reach_m : float or None
         What the recording states; None where it does not.
     pose : tuple of float or None
-        x m, y m, yaw rad on the robot; None where it is not known.
+        x m, y m, yaw rad on the robot, as it is taken to be; None where it is not known and the laser not used.
+    is_pose_known : bool
+        Set, or found in the recording.
     upside_down : bool
     no_return, no_return_why : str
         What beams without return say; "" where the laser is not used.
     share_no_return, share_no_measurement : float
         Of all its beams.
+    timing : Timing
     """
 
     name: str
@@ -66,11 +71,19 @@ class LaserReport:
     rate_hz: float
     reach_m: float | None
     pose: tuple[float, float, float] | None
+    is_pose_known: bool
     upside_down: bool
+    timing: Timing
     no_return: str = ""
     no_return_why: str = ""
     share_no_return: float = 0.0
     share_no_measurement: float = 0.0
+
+    @property
+    def no_return_line(self) -> str:
+        """What beams without return mean, and why."""
+        means = "free" if self.no_return == "free" else "nothing"
+        return f"no return ({self.share_no_return:.1%} of the beams) means {means}: {self.no_return_why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +107,20 @@ class IngestReport:
     odometry, odometry_why : str
     odometry_rejected : tuple of str
     odometry_path_m : float
-    odometry_longest_gap_s : float
+    odometry_longest_gap_s, odometry_rate_hz : float
+        Of the source itself.
+    odometry_quality : TrackQuality or None
+        None where no two scans have a pose, and of several drives.
     scans_without_odometry : int
     dropped : mapping of str to int
         Messages, lines or sweeps left out, by reason.
     warnings : tuple of str
     why_apart : str
         Why this drive does not continue what was recorded before; "" for the first.
+    first_stamp_ns : int
+        Of the first sweep.
+    damage : tuple of str
+        What is broken in the files.
     drives : tuple of IngestReport
         One of each drive, where there are several; what stands above is then of all of them.
     """
@@ -119,9 +139,13 @@ class IngestReport:
     odometry_rejected: tuple[str, ...]
     odometry_path_m: float
     odometry_longest_gap_s: float
+    odometry_rate_hz: float
+    odometry_quality: TrackQuality | None
     scans_without_odometry: int
     dropped: Mapping[str, int]
     warnings: tuple[str, ...]
+    first_stamp_ns: int
+    damage: tuple[str, ...] = ()
     why_apart: str = ""
     drives: tuple[IngestReport, ...] = ()
 
@@ -183,9 +207,13 @@ def join_reports(drives: Sequence[IngestReport]) -> IngestReport:
         odometry_rejected=tuple(dict.fromkeys(name for drive in drives for name in drive.odometry_rejected)),
         odometry_path_m=round(sum(drive.odometry_path_m for drive in drives), 3),
         odometry_longest_gap_s=max(drive.odometry_longest_gap_s for drive in drives),
+        odometry_rate_hz=min(drive.odometry_rate_hz for drive in drives),
+        odometry_quality=None,
         scans_without_odometry=sum(drive.scans_without_odometry for drive in drives),
         dropped=dict(dropped),
         warnings=tuple(warning for drive in drives for warning in drive.warnings),
+        first_stamp_ns=drives[0].first_stamp_ns,
+        damage=tuple(dict.fromkeys(why for drive in drives for why in drive.damage)),
         drives=tuple(drives),
     )
 
@@ -206,7 +234,4 @@ def _laser_line(laser: LaserReport) -> str:
         x, y, yaw = laser.pose
         where = f"at x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.1f} deg"
     turned = ", upside down" if laser.upside_down else ""
-    return (
-        f"{what}, {where}{turned}; used, {laser.why}; no return ({laser.share_no_return:.1%} of the beams) "
-        f"means {'free' if laser.no_return == 'free' else 'nothing'}: {laser.no_return_why}"
-    )
+    return f"{what}, {where}{turned}; used, {laser.why}; {laser.no_return_line}"

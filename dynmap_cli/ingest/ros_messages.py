@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32
+from dynmap_cli.ingest.kinds import LASER_TYPES, ODOMETRY_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
@@ -19,11 +20,6 @@ from dynmap_cli.ingest.plausible import (
     printable,
 )
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
-
-LASER_TYPES = frozenset({"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"})
-ODOMETRY_TYPES = frozenset({"nav_msgs/msg/Odometry"})
-TRANSFORM_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
-USED_TYPES = LASER_TYPES | ODOMETRY_TYPES | TRANSFORM_TYPES
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 _LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
@@ -62,7 +58,7 @@ def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
         elif message.msgtype in TRANSFORM_TYPES:
             _take_transforms(recording, message)
     _clean_transforms(recording)
-    _mend_stamps(recording)
+    mend_stamps(recording)
 
 
 def plain_frame(frame: str) -> str:
@@ -70,7 +66,7 @@ def plain_frame(frame: str) -> str:
     return printable(frame).strip().lstrip("/")
 
 
-def _stamp_ns(header: Any) -> int:
+def stamp_of(header: Any) -> int:
     """Nanoseconds of a header."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
@@ -79,7 +75,7 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     """Keep a sweep."""
     scan = message.content
     ranges_m = _ranges_of(scan)
-    stamp_ns = _stamp_ns(scan.header)
+    stamp_ns = stamp_of(scan.header)
     shape = shape_of(scan, ranges_m.size) if ranges_m.size else None
     fault = ""
     if ranges_m.size == 0:
@@ -139,7 +135,7 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
     pose = odometry.pose.pose
     yaw_rad = yaw_of(pose.orientation)
     values = (float(pose.position.x), float(pose.position.y), yaw_rad)
-    stamp_ns = _stamp_ns(odometry.header)
+    stamp_ns = stamp_of(odometry.header)
     if not (are_coordinates(values) and is_stamp(stamp_ns)):
         recording.dropped[f"odometry on {message.topic} that is no pose or has no possible time"] += 1
         return
@@ -194,7 +190,7 @@ def _clean_transforms(recording: RawRecording) -> None:
         kept.values += [value for value, good in zip(raw.values, is_pose, strict=True) if good]
 
 
-def _mend_stamps(recording: RawRecording) -> None:
+def mend_stamps(recording: RawRecording) -> None:
     """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
     for laser in recording.lasers.values():
         unstamped = laser.stamps_ns.count(0)

@@ -7,14 +7,17 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from dynmap_cli.ingest.bag1_records import bag1_messages
-from dynmap_cli.ingest.bags import UnreadableBagError, damaged, decoding_failed, message_decoders
+from dynmap_cli.ingest.bags import UnreadableBagError, damaged, decode_message, decoding_failed
 from dynmap_cli.ingest.db3_rows import db3_messages
+from dynmap_cli.ingest.foxglove import as_ros
+from dynmap_cli.ingest.kinds import READ_TYPES
 from dynmap_cli.ingest.mcap_records import mcap_messages
 from dynmap_cli.ingest.plausible import is_stamp
 from dynmap_cli.ingest.raw import RawRecording, Topic, file_name
-from dynmap_cli.ingest.ros_messages import USED_TYPES, Message, take_messages
+from dynmap_cli.ingest.ros_messages import Message, take_messages
 from dynmap_cli.ingest.stored import Losses, StoredMessage
 
+_ROS2_ENCODING = "cdr"
 _READERS: dict[str, Callable[[Path, Losses], Iterator[StoredMessage]]] = {
     ".bag": bag1_messages,
     ".db3": db3_messages,
@@ -39,16 +42,23 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
     LogError
         If no message can be read.
     """
-    losses = Losses([refusal.why] if refusal.why else [])
+    losses = Losses()
     recording = RawRecording(name, kind)
     counts: Counter[tuple[str, str]] = Counter()
     span = Span()
-    take_messages(recording, _decoded(stored_messages(path, losses), recording, counts, span))
+    encodings: set[str] = set()
+    take_messages(recording, _decoded(stored_messages(path, losses), recording, counts, span, encodings))
+    # An MCAP file with other encodings than those of ROS 2 is refused for them, although nothing is wrong with it.
+    is_foreign = path.suffix != ".bag" and not encodings <= {_ROS2_ENCODING}
+    if refusal.why and refusal.why not in losses.why and (losses.why or not is_foreign):
+        losses.why.insert(0, refusal.why)
     if not counts:
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
     recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
     if losses.why:
-        recording.warnings.append(losses.line(file_name(name), kind, counts.total(), span.seconds))
+        line = losses.line(file_name(name), kind, counts.total(), span.seconds)
+        recording.warnings.append(line)
+        recording.damage += losses.why
     return recording
 
 
@@ -91,21 +101,23 @@ def _decoded(
     recording: RawRecording,
     counts: Counter[tuple[str, str]],
     span: Span,
+    encodings: set[str],
 ) -> Iterator[Message]:
-    """Messages of the types that are used; all are counted."""
-    decode = message_decoders()
+    """Messages of the types that are used; all are counted, and their encodings noted."""
     for message in stored:
         channel = message.channel
         encoding, kind = channel.message_encoding, channel.message_type
-        if encoding not in decode:
+        if encoding not in READ_TYPES:
             kind = f"{channel.schema_name} ({encoding or 'no encoding'})"
         counts[channel.topic, kind] += 1
         span.add(message.logged_ns)
-        if kind not in USED_TYPES or encoding not in decode:
+        encodings.add(encoding)
+        if kind not in READ_TYPES.get(encoding, ()):
             continue
         try:
-            content = decode[encoding](message.data, kind)
+            content = decode_message(channel, message.data)
+            said = as_ros(Message(channel.topic, kind, message.logged_ns, content))
         except Exception as err:
             decoding_failed(recording, channel.topic, err)
             continue
-        yield Message(channel.topic, kind, message.logged_ns, content)
+        yield from said

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 Coordinate = Annotated[float, Field(ge=-20.0, le=20.0)]
 Angle = Annotated[float, Field(ge=-10.0, le=10.0)]
@@ -27,6 +27,10 @@ class IngestSettings(BaseModel):
     odom_frame: str | None = Field(
         None, description="Frame of the odometry in tf; none = the one with 'odom' in its name."
     )
+    cloud_heights_m: tuple[Coordinate, Coordinate] = Field(
+        (0.2, 1.2),
+        description="Heights above the robot's frame, m, between which points of a PointCloud2 make a scan.",
+    )
     no_return: Literal["auto", "free", "ignore"] = Field(
         "auto",
         description="What a beam without return says: free up to the usable range, nothing, or found per recording.",
@@ -37,9 +41,21 @@ class IngestSettings(BaseModel):
         le=1e9,
         description="Longest pause, s, after which a further recording still counts as the same drive.",
     )
+    strict: bool = Field(
+        False, description="Refuse recordings that are damaged, instead of using what is whole in them."
+    )
     max_unpacked_gib: float = Field(
         16.0,
         gt=0.0,
         le=1e6,
         description="Most GiB that one compressed recording may unpack to; guards the disk.",
     )
+
+    @field_validator("cloud_heights_m")
+    @classmethod
+    def _is_a_slice(cls, heights_m: tuple[float, float]) -> tuple[float, float]:
+        """The lower height comes first."""
+        if heights_m[0] >= heights_m[1]:
+            msg = f"{heights_m[0]:g} must be less than {heights_m[1]:g}"
+            raise ValueError(msg)
+        return heights_m

@@ -22,7 +22,7 @@ class Channel:
     Attributes
     ----------
     topic, message_encoding : str
-        The encoding is "cdr", "ros1" or another.
+        The encoding is "cdr", "ros1", "json", "protobuf" or another.
     schema_name, schema_encoding : str
         "" = no schema.
     schema_data : bytes
@@ -38,7 +38,9 @@ class Channel:
 
     @property
     def message_type(self) -> str:
-        """ROS 2 spelling of the type."""
+        """ROS 2 spelling of the type; names of other schemas as they are."""
+        if "/" not in self.schema_name:
+            return self.schema_name
         package, _, last = self.schema_name.rpartition("/")
         return f"{package.removesuffix('/msg')}/msg/{last}"
 

@@ -31,7 +31,7 @@ def read_wean(path: Path, name: str) -> RawRecording:
     recording = RawRecording(name, "Wean Hall text")
     counts: Counter[str] = Counter()
     laser_poses: list[F64] = []
-    for line in text_lines(path, recording.dropped):
+    for line in text_lines(path, recording.drop_broken):
         word = line[:1]
         if word not in _WIDTHS:
             if line.strip():
@@ -41,7 +41,7 @@ def read_wean(path: Path, name: str) -> RawRecording:
         try:
             _take(recording, word, line, laser_poses)
         except ValueError:
-            recording.dropped[f"{word.decode()} line that does not parse"] += 1
+            recording.drop_broken(f"{word.decode()} line that does not parse")
     recording.topics = [Topic(word, "line", count) for word, count in sorted(counts.items())]
     if laser_poses:
         poses = np.array(laser_poses)

@@ -11,12 +11,12 @@ import numpy as np
 from dynmap_cli.arrays import F64
 from dynmap_cli.counting.em import occupancy
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.errors import LogError
 from dynmap_cli.files.counting_map import write_beams, write_counting_map
 from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping.back_end import Graph
+from dynmap_cli.mapping.demands import check_scans
 from dynmap_cli.mapping.front_end import times_of
 from dynmap_cli.mapping.graph_files import rejected_by_reason, write_graph
 from dynmap_cli.mapping.odometry import corrected_motion
@@ -39,13 +39,7 @@ def run(context: StageContext) -> dict[str, Any]:
     """Read the scans, find path, map and moving beams, write map/."""
     log = read_scan_log(context.scans_dir)
     settings = context.config.map
-    if log.n_scans < 2:
-        msg = f"{context.scans_dir}: {log.n_scans} scans, a map needs at least 2. Use a longer recording."
-        raise LogError(msg)
-    if settings.poses == "recorded" and not log.has_odometry.all():
-        missing = int((~log.has_odometry).sum())
-        msg = f"{context.scans_dir}: {missing} scans without recorded pose. Use map.poses: estimate."
-        raise LogError(msg)
+    check_scans(log, settings, str(context.scans_dir))
     result = build_filter_map(log, settings, threads=context.threads)
     out = context.out_dir
     write_tum(out / "trajectory.tum", result.trajectory)

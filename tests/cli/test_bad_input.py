@@ -287,7 +287,7 @@ def test_names_that_the_terminal_cannot_show(small, tmp_path):
     shutil.copy(small.recording, odd)
     environment = {**os.environ, "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
     dynmap = [sys.executable, "-m", "dynmap_cli"]
-    for words in (("build", odd, "-o", tmp_path / "odd"), ("info", odd), ("info", f"{odd}.gone")):
+    for words in (("build", odd, "-o", tmp_path / "odd"), ("check", odd), ("check", f"{odd}.gone")):
         done = subprocess.run([*dynmap, *map(str, words)], capture_output=True, env=environment, check=False)
         assert done.returncode == (RECORDING if str(words[1]).endswith("gone") else 0), done.stderr
         assert b"Traceback" not in done.stderr
@@ -297,9 +297,9 @@ def test_names_that_the_terminal_cannot_show(small, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-@pytest.mark.parametrize("words", [["config", "show"], ["info", "--json"]])
+@pytest.mark.parametrize("words", [["config", "show"], ["check", "--json"]])
 def test_an_output_that_is_full(small, words):
-    recording = [str(small.recording)] if words[0] == "info" else []
+    recording = [str(small.recording)] if words[0] == "check" else []
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "dynmap_cli", *words, *recording],

@@ -88,7 +88,7 @@ def test_json_stands_alone_on_stdout(small, tmp_path):
         ("segment", small.run_dir),
         ("cluster", small.run_dir),
         ("localize", small.run_dir, small.recording, "-o", tmp_path / "out"),
-        ("info", small.recording),
+        ("check", small.recording),
         ("simulate", scenario, "-o", tmp_path / "again.mcap"),
         ("config", "show"),
     ):

@@ -15,7 +15,7 @@ from dynmap_cli.cli import main
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.scans import single_laser_log
-from dynmap_cli.errors import ArtifactError
+from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.export.cleaning import write_clean
 from dynmap_cli.export.labels import BeamLabels, hits_known_state
 from dynmap_cli.export.text_logs import TextChoices
@@ -25,6 +25,7 @@ from dynmap_cli.ingest.mcap_records import mcap_extras
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.written import ROS1, ROS2, SCAN, World, lone_file, write_bag1, write_bag2, write_mcap
+from tests.ingest.written_foxglove import write_foxglove
 
 KINDS = {
     "ROS 1 bag": lambda folder, world: write_bag1(folder / "a.bag", world),
@@ -323,3 +324,36 @@ def test_attachments_and_metadata_of_a_cut_file_are_kept(tmp_path):
     attachments, metadata = mcap_extras(path)
     assert [(one.name, one.data) for one in attachments] == [("note.txt", b"a note")]
     assert [(one.name, one.metadata) for one in metadata] == [("robot", {"name": "r2"})]
+
+
+def test_scans_of_foxglove_are_refused_with_the_reason(tmp_path):
+    path = write_foxglove(tmp_path / "a.mcap", World(), "json")
+    log, _ = read_recordings([path], IngestSettings())
+    share = np.ones(log.ranges_m.shape, dtype=np.float32)
+    text = TextChoices("", 8.0)
+    with pytest.raises(ArtifactError, match=r"only LaserScan .* rewritten, not /scan$"):
+        write_clean(
+            [path],
+            tmp_path / "out.mcap",
+            BeamLabels(log, share, share < 0.5),
+            text=text,
+            is_label=False,
+            settings=IngestSettings(),
+        )
+
+
+def test_strict_refuses_to_clean_what_is_damaged(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", World(), "")
+    log, _ = read_recordings([path], IngestSettings())
+    path.write_bytes(path.read_bytes()[:-100])
+    share = np.ones(log.ranges_m.shape, dtype=np.float32)
+    labels = BeamLabels(log, share, share < 0.5)
+    with pytest.raises(LogError, match=r"cut off or damaged .* --strict"):
+        write_clean(
+            [path],
+            tmp_path / "out.mcap",
+            labels,
+            text=TextChoices("", 8.0),
+            is_label=False,
+            settings=IngestSettings(strict=True),
+        )

@@ -6,12 +6,24 @@ import warnings
 
 import numpy as np
 import pytest
+import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.mcap_records import SummaryState, summary_state
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.written import World, carmen_line, lone_file, write_bag1, write_bag2, write_mcap
+from tests.ingest.written import (
+    PERIOD_NS,
+    START_NS,
+    World,
+    carmen_line,
+    lone_file,
+    write_bag1,
+    write_bag2,
+    write_mcap,
+)
+from tests.ingest.written_foxglove import write_foxglove
 
 SETTINGS = IngestSettings()
 WORLD = World(n_scans=60, n_beams=40, step_rad=0.05)
@@ -32,8 +44,12 @@ WRITERS = {
     "mcap ros2": lambda folder: write_mcap(folder / "a.mcap", WORLD, "ros2"),
     "mcap blank": lambda folder: write_mcap(folder / "a.mcap", WORLD, ""),
     "mcap ros1": lambda folder: write_mcap(folder / "a.mcap", WORLD, "ros1", "ros1"),
+    "foxglove json": lambda folder: write_foxglove(folder / "a.mcap", WORLD, "json"),
+    "foxglove protobuf": lambda folder: write_foxglove(folder / "a.mcap", WORLD, "protobuf", "ros2"),
+    "unchunked": lambda folder: write_foxglove(folder / "a.mcap", WORLD, "protobuf", use_chunking=False),
     "carmen": lambda folder: write_carmen(folder / "a.log"),
 }
+CHUNK, MESSAGE = 6, 5
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 WITHOUT_COMPRESSION = {"ros1": 1, "db3": 4096}
 
@@ -62,7 +78,60 @@ def read(path, name, data):
             return None
 
 
-@pytest.mark.parametrize("container", [name for name in WRITERS if name != "carmen"])
+def scan_ends(container, data):
+    """Where the part of a file ends that holds each scan whole: the message itself, its block, its line or its page."""
+    if container == "carmen":
+        return [at + 1 for at, byte in enumerate(data) if byte == ord("\n")]
+    if container in WITHOUT_COMPRESSION:
+        block = WITHOUT_COMPRESSION[container]
+        ends = [data.find(ranges.tobytes()) + ranges.nbytes for ranges in WORLD.ranges_m]
+        return [-(-end // block) * block for end in ends]
+    ends, at = [], 8
+    while at < len(data) - 8:
+        op, size = data[at], int.from_bytes(data[at + 1 : at + 9], "little")
+        at += 9 + size
+        content = data[at - size : at]
+        if op == CHUNK:
+            head = 32 + int.from_bytes(content[28:32], "little") + 8
+            content = zstandard.ZstdDecompressor().decompressobj().decompress(content[head:])
+            ends += [at] * (number_of_scans(content))
+        elif op == MESSAGE and is_scan(content):
+            ends.append(at)
+    return ends
+
+
+def number_of_scans(records):
+    """Scans among the records of a chunk."""
+    at, count = 0, 0
+    while at < len(records):
+        size = int.from_bytes(records[at + 1 : at + 9], "little")
+        count += records[at] == MESSAGE and is_scan(records[at + 9 :])
+        at += 9 + size
+    return count
+
+
+def is_scan(content):
+    """Whether a message was recorded a microsecond after its stamp, as only scans are here."""
+    return (int.from_bytes(content[6:14], "little") - START_NS) % PERIOD_NS == 1000
+
+
+def recovered(found):
+    """Scans that were used, or left out with a count."""
+    return 0 if found is None else found[0].n_scans + sum(found[1].dropped.values())
+
+
+@pytest.mark.parametrize("container", WRITERS)
+def test_of_a_file_that_is_cut_anywhere_all_scans_before_are_recovered(written, container, tmp_path):
+    name, data = written[container]
+    ends = scan_ends(container, data)
+    assert len(ends) == 60
+    rng = random.Random(container)
+    for cut in sorted(rng.randrange(len(data)) for _ in range(10)):
+        expected = sum(end <= cut for end in ends)
+        assert recovered(read(tmp_path, name, data[:cut])) >= expected, cut
+
+
+@pytest.mark.parametrize("container", [name for name in WRITERS if name.startswith("mcap")])
 def test_a_recording_that_is_cut_off_is_used_up_to_there(written, container, tmp_path):
     name, data = written[container]
     counts = []
@@ -80,18 +149,6 @@ def test_a_recording_that_is_cut_off_is_used_up_to_there(written, container, tmp
         assert re.search(r"recovered \d+ messages over \d+\.\d s, lost .*", said[0])
     assert counts == sorted(counts)
     assert counts[-1] > 50
-
-
-@pytest.mark.parametrize("container", WITHOUT_COMPRESSION)
-def test_no_scan_before_the_cut_is_lost(written, container, tmp_path):
-    name, data = written[container]
-    for share in (0.35, 0.5, 0.75, 0.9):
-        cut = int(share * len(data))
-        block = WITHOUT_COMPRESSION[container]
-        ends = [data.find(ranges.tobytes()) + ranges.nbytes for ranges in WORLD.ranges_m]
-        whole = sum(end <= cut // block * block for end in ends)
-        log, report = read(tmp_path, name, data[:cut])
-        assert log.n_scans + sum(report.dropped.values()) >= whole > 0
 
 
 @pytest.mark.parametrize("container", ["mcap ros2", "mcap blank", "mcap ros1"])
@@ -133,6 +190,7 @@ def test_a_text_log_with_a_hole_of_zeros_loses_the_lines_in_it(written, tmp_path
 @pytest.mark.parametrize("part", ["anywhere", "head", "tail"])
 def test_wrong_bytes_never_break_anything(written, container, part, tmp_path):
     name, data = written[container]
+    ends = scan_ends(container, data)
     rng = random.Random(f"{container} {part}")
     low, high = {
         "anywhere": (0, len(data)),
@@ -145,6 +203,45 @@ def test_wrong_bytes_never_break_anything(written, container, part, tmp_path):
         changed[at] ^= rng.randrange(1, 256)
         found = read(tmp_path, name, changed)
         assert found is None or found[0].n_scans <= 60
+        assert recovered(found) >= sum(end <= at for end in ends) - 1, at
+
+
+@pytest.mark.parametrize("container", ["mcap blank", "foxglove protobuf"])
+@pytest.mark.parametrize("byte", [0, 1, 4])
+def test_behind_a_broken_record_the_next_chunk_is_found_by_the_index(written, container, byte, tmp_path):
+    name, data = written[container]
+    at = 8
+    for _ in range(6):
+        while data[at] != CHUNK:
+            at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        place, at = at, at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    wrong = b"\0" if byte == 0 else b"\x80"
+    log, report = read(tmp_path, name, data[: place + byte] + wrong + data[place + byte + 1 :])
+    assert log.n_scans > 50
+    assert log.stamps_ns[-1] == WORLD.stamps_ns[-1]
+    assert "cut off or damaged" in report.warnings[0]
+
+
+def test_a_summary_with_a_wrong_byte_is_not_believed(written, tmp_path):
+    name, data = written["mcap ros2"]
+    (tmp_path / name).write_bytes(data)
+    assert summary_state(tmp_path / name) is SummaryState.WHOLE
+    at = data.rindex(b"sensor_msgs/msg/LaserScan")
+    log, report = read(tmp_path, name, data[:at] + b"S" + data[at + 1 :])
+    assert summary_state(tmp_path / name) is SummaryState.BROKEN
+    np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
+    assert "its summary fails its checksum" in report.warnings[0]
+    (tmp_path / name).write_bytes(data[:-9])
+    assert summary_state(tmp_path / name) is SummaryState.UNKNOWN
+
+
+def test_a_definition_with_a_wrong_byte_is_not_believed(written, tmp_path):
+    name, data = written["mcap ros2"]
+    at = data.rindex(b"angle_increment")
+    without_checksum = data[:-12] + bytes(4) + data[-8:]
+    log, report = read(tmp_path, name, without_checksum[:at] + b"g" + without_checksum[at + 1 :])
+    np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
+    assert "has no field angle_increment" in report.warnings[0]
 
 
 def test_a_folder_without_usable_metadata_is_read_file_by_file(tmp_path):

@@ -379,7 +379,7 @@ def test_a_bag_folder_with_a_pipe_in_it_is_refused(tmp_path):
     assert "neither a regular file nor a folder" in refusal(folder)
 
 
-@pytest.mark.parametrize("verb", ["info", "ingest"])
+@pytest.mark.parametrize("verb", ["check", "ingest"])
 def test_names_that_no_file_can_have_are_refused(tmp_path, verb):
     (tmp_path / "loop").symlink_to("loop")
     out = ["-o", str(tmp_path / "run")] if verb == "ingest" else []
