@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 _FEW_DYNAMIC = 0.02
-_LEAST_KEYS = 3
+_LEAST_PLACES = 2
 _PAIR_REACH_M, _N_PAIRS = 2.0, 12
 
 
@@ -139,10 +139,11 @@ class Site:
     def _places(self, number: int, front: Registered, graph: Graph) -> Places:
         """Local maps of one drive in its own frame."""
         drive = self.drives[number]
-        if graph.keys.size < _LEAST_KEYS:
+        if graph.anchors.size < _LEAST_PLACES:
+            path_m = float(np.linalg.norm(np.diff(front.poses[:, :2], axis=0), axis=1).sum())
             msg = (
-                f"{self._names(number)}: the robot hardly moves, so it cannot be placed on the map of the others. "
-                "Leave it out."
+                f"{self._names(number)}: the robot hardly moves ({path_m:.1f} m), so one map with the others would "
+                "rest on a single place. Leave it out, or build it on its own."
             )
             raise LogError(msg)
         sweeps = sweeps_of(drive.log, None)
