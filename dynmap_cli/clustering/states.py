@@ -16,7 +16,7 @@ from dynmap_cli.clustering.local_maps import (
     build_local_maps,
     varying_vectors,
 )
-from dynmap_cli.clustering.model_selection import assign, choose_clusters, largest_contradiction
+from dynmap_cli.clustering.model_selection import assign, choose_clusters, fitting_states
 from dynmap_cli.clustering.sequences import SequenceParams, cut_sequences
 from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.counting.em import FilterParams
@@ -116,7 +116,10 @@ def learn_states(
 
 
 def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
-    """Cluster the visits that know enough, then assign the others where they leave no doubt."""
+    """Cluster the visits that know enough, then assign the others where they leave no doubt.
+
+    A visit that fits several states did not see where they differ; it stays open.
+    """
     count, n_cells = vectors.values.shape
     known_share = (~np.isnan(vectors.values)).sum(axis=1) / max(n_cells, 1)
     patch, membership = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
@@ -131,17 +134,17 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
     founders = Vectors(vectors.values[founds], vectors.component, vectors.n_components)
     model = choose_clusters(founders, params.max_states, params.min_cells)
     clusters = model.clusters
-    chosen = zip(clusters.memberships.argmax(axis=1), clusters.memberships.max(axis=1), strict=True)
-    for visit, (k, share) in zip(np.flatnonzero(founds), chosen, strict=True):
-        if largest_contradiction(vectors.values[visit], clusters.centers[k], vectors) >= params.min_cells:
-            remarks[visit] = NO_STATE
-        else:
-            patch[visit], membership[visit] = k, share
     late = np.flatnonzero(remarks == TOO_LITTLE)
     unsure = Vectors(vectors.values[late], vectors.component, vectors.n_components)
     for visit, k, share in zip(late, *assign(unsure, clusters, params.min_cells), strict=True):
         if k >= 0:
             patch[visit], membership[visit], remarks[visit] = k, share, ""
+    for visit, share in zip(np.flatnonzero(founds), clusters.memberships, strict=True):
+        fitting = fitting_states(vectors.values[visit], vectors, clusters, params.min_cells)
+        if fitting.size == 1:
+            patch[visit], membership[visit] = fitting[0], share[fitting[0]]
+        else:
+            remarks[visit] = TOO_LITTLE if fitting.size else NO_STATE
     return Labels(_renumbered(patch), membership, tuple(remarks), model.bic)
 
 

@@ -7,13 +7,14 @@ saw beams cross the place and end well behind it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
 
-from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.arrays import F32, F64, I8, I64
 from dynmap_cli.counting.counts import end_cells, only_returns
 from dynmap_cli.counting.em import FilteredMap, count_with, expectation_of, expected_log_likelihood
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells, surface_cells
@@ -80,15 +81,27 @@ def count_looks(
     windows = time_windows(log, look_s)
     surface = surface_cells(log, poses, frame, windows, params)
     occupied, free = (np.zeros(surface.cells.shape[0], dtype=np.int64) for _ in range(2))
+    for seen, states in judged_looks(log, poses, windows, surface, params, on_look):
+        occupied[seen] += states == OCCUPIED
+        free[seen] += states == FREE
+    return Looks(surface, occupied, free, len(windows))
+
+
+def judged_looks(
+    log: ScanLog,
+    poses: F64,
+    windows: Sequence[slice],
+    surface: SurfaceCells,
+    params: EvidenceParams,
+    on_look: Tick = no_tick,
+) -> Iterator[tuple[I64, I8]]:
+    """For each window the numbers (m,) of the cells that were seen in it, and their states (m,)."""
     evidence = Evidence(surface, params)
     for window in windows:
         evidence.add(log.select(window), poses[window])
-        seen, states = evidence.judge()
-        occupied[seen] += states == OCCUPIED
-        free[seen] += states == FREE
+        yield evidence.judge()
         evidence.clear()
         on_look()
-    return Looks(surface, occupied, free, len(windows))
 
 
 def filter_by_looks(

@@ -61,7 +61,7 @@ def _clip(x0: float, dx: float, low: float, high: float, enter: float, leave: fl
 
 
 @kernel
-def _moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
+def moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
     """Position of the robot a short time after the first beam of a scan."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = elapsed_s * twist[0], elapsed_s * twist[1]
@@ -138,7 +138,7 @@ def count_scans(
         for beam in range(ranges_m.shape[1]):
             if interval_s != 0.0:
                 elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
+                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
                 cos, sin = (
                     math.cos(yaw + elapsed_s * twists[scan, 2]),
                     math.sin(yaw + elapsed_s * twists[scan, 2]),
@@ -216,7 +216,7 @@ def find_end_cells(
         for beam in range(ranges_m.shape[1]):
             if interval_s != 0.0:
                 elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
+                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
                 cos, sin = (
                     math.cos(yaw + elapsed_s * twists[scan, 2]),
                     math.sin(yaw + elapsed_s * twists[scan, 2]),
@@ -311,7 +311,7 @@ def cut_at_walls(
         for beam in range(ranges_m.shape[1]):
             if interval_s != 0.0:
                 elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = _moved(poses[scan], twists[scan], elapsed_s)
+                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
                 cos, sin = (
                     math.cos(yaw + elapsed_s * twists[scan, 2]),
                     math.sin(yaw + elapsed_s * twists[scan, 2]),

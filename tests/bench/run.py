@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.bench import (
     beams,
+    clustering,
     crowd,
     kernels,
     localization,
@@ -45,6 +46,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "crowd": crowd.tables,
     "patrol": patrol.tables,
     "beams": beams.tables,
+    "clustering": clustering.tables,
     "states": states.tables,
     "localization": localization.tables,
     "peers": peers.tables,
