@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 
+_FARTHER = (2.0, 4.0)
 TOO_LITTLE, MIXED, NO_STATE = "saw too little", "mixed", "fits no state"
 
 
@@ -78,6 +79,9 @@ def learn_states(
 ) -> tuple[PatchSet | None, tuple[Visit, ...]]:
     """Learn the patches of a sub-map.
 
+    Where the visits all show one state, the change was seen from farther away: visits then reach twice, and four times
+    as far, and those are kept that show more than one.
+
     Parameters
     ----------
     log : ScanLog
@@ -93,7 +97,27 @@ def learn_states(
     tuple of Visit
         One per observation sequence, in time order.
     """
-    sequences = cut_sequences(log, poses, submap.frame, params.sequences)
+    nearest = _learn_from(log, poses, submap, params, params.sequences)
+    if _shows_change(nearest[0]):
+        return nearest
+    for factor in _FARTHER:
+        cuts = replace(params.sequences, near_m=factor * params.sequences.near_m)
+        found = _learn_from(log, poses, submap, params, cuts)
+        if _shows_change(found[0]):
+            return found
+    return nearest
+
+
+def _shows_change(patch_set: PatchSet | None) -> bool:
+    """Whether there is more than one state."""
+    return patch_set is not None and len(patch_set.patches) > 1
+
+
+def _learn_from(
+    log: ScanLog, poses: F64, submap: SubMap, params: StateParams, cuts: SequenceParams
+) -> tuple[PatchSet | None, tuple[Visit, ...]]:
+    """Learn the patches of a sub-map from the visits that are cut in one way."""
+    sequences = cut_sequences(log, poses, submap.frame, cuts)
     maps = align(
         build_local_maps(
             log, poses, submap.frame, sequences, params.evidence, params.filtering, params.min_cells
