@@ -220,7 +220,9 @@ def describe(patch_sets: Sequence[PatchSet], visits: Sequence[Visit]) -> list[st
             f"{open_ones.count(why)} {why}" for why in (TOO_LITTLE, MIXED, NO_STATE) if why in open_ones
         ]
         head = f"{len(patches)} state{'s' * (len(patches) != 1)} in {len(own)} visit{'s' * (len(own) != 1)}"
+        unseen = ["none of which saw what changed"] if len(patches) == 1 and len(own) > 1 else []
         lines.append(
-            f"sub-map {number}: " + ", ".join([head + (f" ({supports})" if supports else ""), *counts])
+            f"sub-map {number}: "
+            + ", ".join([head + (f" ({supports})" if supports else ""), *unseen, *counts])
         )
     return lines

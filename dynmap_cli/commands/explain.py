@@ -40,7 +40,7 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
     occupied, free = (_range(evidence[f"{what}_in_windows"]) for what in ("occupied", "free"))
     rule = (
         f"contested: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
-        f"and free in as many; these cells: occupied in {occupied}, free in {free}"
+        f"and free in as many, or once if larger than people are; these cells: occupied in {occupied}, free in {free}"
     )
     rows = [
         (
