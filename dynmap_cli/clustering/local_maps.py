@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I8, I64
+from dynmap_cli.counting.counts import twists_of
 from dynmap_cli.counting.em import FilterParams, filter_beams
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells, surface_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame
@@ -20,6 +21,7 @@ from dynmap_cli.domain.scans import ScanLog
 
 _MAX_SHIFT_CELLS, _ALIGN_ROUNDS, _MIN_GAIN_CELLS = 2, 2, 3.0
 _QUARTERS = 4
+_LEAST_SHARE = 0.06
 _EIGHT = np.ones((3, 3), dtype=bool)
 
 
@@ -78,7 +80,7 @@ def build_local_maps(
         part, part_poses = log.select(scans), poses[scans]
         total, is_mixed[number] = _watch(part, part_poses, surface, evidence, min_cells)
         states[number, rows, cols] = total.states()
-        filtered = filter_beams(part, part_poses, frame, filtering)
+        filtered = filter_beams(part, part_poses, frame, filtering, twists=twists_of(part, part_poses))
         reflectance[number] = filtered.counting_map.reflectance
     return LocalMaps(states, reflectance, is_mixed)
 
@@ -123,6 +125,13 @@ def component_sizes(cells: B1) -> I64:
     return np.bincount(labels[cells], minlength=count + 1)[1:]
 
 
+def without_specks(states: I8, min_cells: int) -> I8:
+    """Local map (rows, cols) without occupied groups of fewer cells: one is no change, many would look like one."""
+    labels, count = component_labels(states == OCCUPIED)
+    small = np.bincount(labels.ravel(), minlength=count + 1) < min_cells
+    return np.where((labels > 0) & small[labels], UNKNOWN, states).astype(np.int8)
+
+
 def align(maps: LocalMaps) -> LocalMaps:
     """Shift each map by up to two cells to where most of its occupied cells are occupied in the others too.
 
@@ -138,11 +147,17 @@ def align(maps: LocalMaps) -> LocalMaps:
     for _ in range(_ALIGN_ROUNDS):
         for k, grid in enumerate(occupied):
             others = total - shifted(grid, shifts[k], 0.0)
-            shifts[k] = _best_shift(grid, others / (count - 1))
+            shifts[k] = _best_shift(grid, _distinct(others))
             total = others + shifted(grid, shifts[k], 0.0)
     states = np.stack([shifted(m, s, UNKNOWN) for m, s in zip(maps.states, shifts, strict=True)])
     values = np.stack([shifted(m, s, np.nan) for m, s in zip(maps.reflectance, shifts, strict=True)])
     return LocalMaps(states, values, maps.is_mixed)
+
+
+def _distinct(counts: F64) -> F64:
+    """Counts relative to the largest within reach of a shift: where a surface is most often, however rare it is."""
+    largest = ndimage.maximum_filter(counts, size=2 * _MAX_SHIFT_CELLS + 1, mode="constant")
+    return np.asarray(counts / np.maximum(largest, 1.0))
 
 
 def _best_shift(occupied: F64, others: F64) -> tuple[int, int]:
@@ -197,9 +212,8 @@ class Vectors:
 def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -> Vectors:
     """Keep the cells that some maps saw occupied and others free.
 
-    Both in at least max(2, 6 % of n) maps; with fewer than twelve maps one is enough, or rare states vanish.
-    Mixed maps do not count. Groups are left out that have fewer than *min_cells* cells, or lie where
-    segmentation saw no contradiction.
+    Both in at least 6 % of the maps. Mixed maps do not count. Groups are left out that have fewer than *min_cells*
+    cells, or lie where segmentation saw no contradiction.
 
     Parameters
     ----------
@@ -208,9 +222,14 @@ def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -
         Of the sub-map.
     min_cells : int
     """
-    pure = maps.states[~maps.is_mixed]
+    states = (
+        np.stack([without_specks(state, min_cells) for state in maps.states])
+        if maps.states.size
+        else maps.states
+    )
+    pure = states[~maps.is_mixed]
     count = pure.shape[0]
-    least = 1 if count < 12 else max(2, math.ceil(0.06 * count))
+    least = max(1, math.ceil(_LEAST_SHARE * count))
     occupied, free = (pure == OCCUPIED).sum(axis=0), (pure == FREE).sum(axis=0)
     labels, n_labels = component_labels((occupied >= least) & (free >= least) & owned)
     cells = labels > 0
@@ -220,6 +239,6 @@ def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -
     kept = (sizes >= min_cells) & (touching > 0)
     cells &= kept[labels]
     _, component = np.unique(labels[cells], return_inverse=True)
-    states = maps.states[:, cells]
+    states = states[:, cells]
     values = np.where(states == UNKNOWN, np.nan, states.astype(np.float64))
     return Vectors(values, component.astype(np.int64), int(kept[1:].sum()), cells)

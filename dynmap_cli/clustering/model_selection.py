@@ -130,6 +130,18 @@ def largest_contradiction(one: F64, other: F64, vectors: Vectors) -> int:
     return int(np.bincount(vectors.component[contradicts], minlength=1).max())
 
 
+def fitting_states(values: F64, vectors: Vectors, clusters: Clusters, min_cells: int) -> I64:
+    """Numbers of the clusters that a value vector (n_cells,) contradicts in fewer than *min_cells* of every group."""
+    return np.array(
+        [
+            k
+            for k, center in enumerate(clusters.centers)
+            if largest_contradiction(values, center, vectors) < min_cells
+        ],
+        dtype=np.int64,
+    )
+
+
 def assign(vectors: Vectors, clusters: Clusters, min_cells: int) -> tuple[I64, F64]:
     """State of vectors that founded none: number of the cluster or -1, and its posterior, (n,) each.
 

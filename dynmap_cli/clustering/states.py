@@ -16,7 +16,7 @@ from dynmap_cli.clustering.local_maps import (
     build_local_maps,
     varying_vectors,
 )
-from dynmap_cli.clustering.model_selection import assign, choose_clusters, largest_contradiction
+from dynmap_cli.clustering.model_selection import assign, choose_clusters, fitting_states
 from dynmap_cli.clustering.sequences import SequenceParams, cut_sequences
 from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.counting.em import FilterParams
@@ -25,6 +25,7 @@ from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 
+_FARTHER = (2.0, 4.0)
 TOO_LITTLE, MIXED, NO_STATE = "saw too little", "mixed", "fits no state"
 
 
@@ -81,6 +82,9 @@ def learn_states(
 ) -> tuple[PatchSet | None, tuple[Visit, ...]]:
     """Learn the patches of a sub-map.
 
+    Where the visits all show one state, the change was seen from farther away: visits then reach twice, and four times
+    as far, and those are kept that show more than one.
+
     Parameters
     ----------
     log : ScanLog
@@ -96,7 +100,27 @@ def learn_states(
     tuple of Visit
         One per observation sequence, in time order.
     """
-    sequences = cut_sequences(log, poses, submap.frame, params.sequences)
+    nearest = _learn_from(log, poses, submap, params, params.sequences)
+    if _shows_change(nearest[0]):
+        return nearest
+    for factor in _FARTHER:
+        cuts = replace(params.sequences, near_m=factor * params.sequences.near_m)
+        found = _learn_from(log, poses, submap, params, cuts)
+        if _shows_change(found[0]):
+            return found
+    return nearest
+
+
+def _shows_change(patch_set: PatchSet | None) -> bool:
+    """Whether there is more than one state."""
+    return patch_set is not None and len(patch_set.patches) > 1
+
+
+def _learn_from(
+    log: ScanLog, poses: F64, submap: SubMap, params: StateParams, cuts: SequenceParams
+) -> tuple[PatchSet | None, tuple[Visit, ...]]:
+    """Learn the patches of a sub-map from the visits that are cut in one way."""
+    sequences = cut_sequences(log, poses, submap.frame, cuts)
     maps = align(
         build_local_maps(
             log, poses, submap.frame, sequences, params.evidence, params.filtering, params.min_cells
@@ -127,7 +151,10 @@ def _on_cells(means: F64, cells: B1) -> F32:
 
 
 def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
-    """Cluster the visits that know enough, then assign the others where they leave no doubt."""
+    """Cluster the visits that know enough, then assign the others where they leave no doubt.
+
+    A visit that fits several states did not see where they differ; it stays open.
+    """
     count, n_cells = vectors.values.shape
     known_share = (~np.isnan(vectors.values)).sum(axis=1) / max(n_cells, 1)
     patch, membership = np.full(count, -1, dtype=np.int64), np.full(count, np.nan)
@@ -142,17 +169,17 @@ def label_visits(vectors: Vectors, is_mixed: B1, params: StateParams) -> Labels:
     founders = replace(vectors, values=vectors.values[founds])
     model = choose_clusters(founders, params.max_states, params.min_cells)
     clusters = model.clusters
-    chosen = zip(clusters.memberships.argmax(axis=1), clusters.memberships.max(axis=1), strict=True)
-    for visit, (k, share) in zip(np.flatnonzero(founds), chosen, strict=True):
-        if largest_contradiction(vectors.values[visit], clusters.centers[k], vectors) >= params.min_cells:
-            remarks[visit] = NO_STATE
-        else:
-            patch[visit], membership[visit] = k, share
     late = np.flatnonzero(remarks == TOO_LITTLE)
     unsure = replace(vectors, values=vectors.values[late])
     for visit, k, share in zip(late, *assign(unsure, clusters, params.min_cells), strict=True):
         if k >= 0:
             patch[visit], membership[visit], remarks[visit] = k, share, ""
+    for visit, share in zip(np.flatnonzero(founds), clusters.memberships, strict=True):
+        fitting = fitting_states(vectors.values[visit], vectors, clusters, params.min_cells)
+        if fitting.size == 1:
+            patch[visit], membership[visit] = fitting[0], share[fitting[0]]
+        else:
+            remarks[visit] = TOO_LITTLE if fitting.size else NO_STATE
     return Labels(_renumbered(patch), membership, tuple(remarks), model.bic, model.rounds)
 
 
@@ -204,7 +231,9 @@ def describe(patch_sets: Sequence[PatchSet], visits: Sequence[Visit]) -> list[st
             f"{open_ones.count(why)} {why}" for why in (TOO_LITTLE, MIXED, NO_STATE) if why in open_ones
         ]
         head = f"{len(patches)} state{'s' * (len(patches) != 1)} in {len(own)} visit{'s' * (len(own) != 1)}"
+        unseen = ["none of which saw what changed"] if len(patches) == 1 and len(own) > 1 else []
         lines.append(
-            f"sub-map {number}: " + ", ".join([head + (f" ({supports})" if supports else ""), *counts])
+            f"sub-map {number}: "
+            + ", ".join([head + (f" ({supports})" if supports else ""), *unseen, *counts])
         )
     return lines

@@ -43,7 +43,7 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
     contested = "elsewhere contested" if found["by_hand"] else "contested"
     rule = (
         f"{contested}: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
-        f"and free in as many; these cells: occupied in {occupied}, free in {free}"
+        f"and free in as many, or once if larger than people are; these cells: occupied in {occupied}, free in {free}"
     )
     rows = [
         (

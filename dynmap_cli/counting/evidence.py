@@ -10,12 +10,12 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import F32, F64, I8, I32, I64
-from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of, twists_of
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.regions import add_evidence, add_hit_moments, judge_cells, surface_normals
 
-Beams: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, float, float, float]
+Beams: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, F64, F64, float, float, float]
 _NORMAL_RADIUS_M, _MAX_SPREAD_RATIO = 0.15, 0.3
 
 
@@ -118,6 +118,11 @@ def surface_cells(
 def _chunks(log: ScanLog, poses: F64, frame: GridFrame, max_range_m: float) -> Iterator[Beams]:
     """What the kernels want to know of the beams, some scans at a time."""
     rays = rays_of(log, max_range_m)
+    twists = twists_of(log, poses)
+    if twists is None:
+        twists = np.zeros((log.n_scans, 3))
+    else:
+        twists[-1] = twists[-2]
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
         yield (
@@ -126,6 +131,8 @@ def _chunks(log: ScanLog, poses: F64, frame: GridFrame, max_range_m: float) -> I
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
+            rays.beam_interval_s,
+            twists[part],
             np.array(poses[part], dtype=np.float64),
             frame.resolution_m,
             frame.origin_x_m,

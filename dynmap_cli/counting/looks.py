@@ -96,35 +96,22 @@ def time_windows(log: ScanLog, window_s: float) -> list[slice]:
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
-def count_looks(
+def judged_looks(
     log: ScanLog,
     poses: F64,
-    frame: GridFrame,
-    look_s: float,
+    windows: Sequence[slice],
+    surface: SurfaceCells,
     params: EvidenceParams,
     on_look: Tick = no_tick,
-) -> Looks:
-    """Judge each cell in each look, and count.
-
-    Parameters
-    ----------
-    log : ScanLog
-    poses : (n_scans, 3) float64
-        map_from_robot; scans with NaN are left out.
-    frame : GridFrame
-    look_s : float
-        Length of a look.
-    params : EvidenceParams
-    on_look : Tick
-    """
-    windows = time_windows(log, look_s)
-    surface = surface_cells(log, poses, frame, windows, params)
-    occupied, free = (np.zeros(surface.cells.shape[0], dtype=np.int64) for _ in range(2))
-    for look in _judged(log, poses, surface, windows, params):
-        occupied[look.seen] += look.states == OCCUPIED
-        free[look.seen] += look.states == FREE
+) -> Iterator[Look]:
+    """Judge the surface cells in one look after the other."""
+    evidence = Evidence(surface, params)
+    for window in windows:
+        evidence.add(log.select(window), poses[window])
+        seen, states = evidence.judge()
+        yield Look(window, seen, states, evidence.hits[seen], evidence.crossed[seen])
+        evidence.clear()
         on_look()
-    return Looks(surface, occupied, free, len(windows))
 
 
 def count_watches(
@@ -148,7 +135,7 @@ def count_watches(
     starts = np.array([half.start for half in halves])
     counts = np.zeros((len(halves), 2, surface.cells.shape[0]), dtype=np.int32)
     hits, crossed = (np.zeros(surface.cells.shape[0]) for _ in range(2))
-    for look in _judged(log, poses, surface, windows, params):
+    for look in judged_looks(log, poses, windows, surface, params):
         half = int(np.searchsorted(starts, look.scans.start, side="right")) - 1
         counts[half, 0, look.seen] += look.states == OCCUPIED
         counts[half, 1, look.seen] += look.states == FREE
@@ -177,16 +164,3 @@ def _pairs(log: ScanLog, halves: Sequence[slice], watch_s: float) -> Iterator[tu
             yield k, k + 1
         elif not was_followed:
             yield k, k
-
-
-def _judged(
-    log: ScanLog, poses: F64, surface: SurfaceCells, windows: Sequence[slice], params: EvidenceParams
-) -> Iterator[Look]:
-    """Judge the surface cells in one look after the other."""
-    evidence = Evidence(surface, params)
-    for window in windows:
-        evidence.add(log.select(window), poses[window])
-        seen, states = evidence.judge()
-        look = Look(window, seen, states, evidence.hits[seen], evidence.crossed[seen])
-        evidence.clear()
-        yield look

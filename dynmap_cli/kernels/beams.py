@@ -15,6 +15,14 @@ BEAM_ROWS = 6
 
 
 @kernel
+def moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
+    """Position of the robot a short time after the first beam of a scan."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = elapsed_s * twist[0], elapsed_s * twist[1]
+    return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
+
+
+@kernel
 def place_beams(
     ranges_m: F32,
     directions: F64,
@@ -68,8 +76,7 @@ def place_beams(
         return
     for beam in range(n_beams):
         elapsed_s = (beam if beam_interval_s > 0.0 else beam - n_beams + 1) * beam_interval_s
-        dx, dy = elapsed_s * twist[0], elapsed_s * twist[1]
-        x, y = pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
+        x, y = moved(pose, twist, elapsed_s)
         yaw = pose[2] + elapsed_s * twist[2]
         cos_now, sin_now = math.cos(yaw), math.sin(yaw)
         direction_x, direction_y = directions[beam, 0], directions[beam, 1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from dynmap_cli.arrays import F32, F64, I8, I32, I64
+from dynmap_cli.kernels.beams import moved
 from dynmap_cli.kernels.jit import kernel
 
 
@@ -15,6 +16,8 @@ def add_hit_moments(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     poses: F64,
     resolution_m: float,
     origin_x_m: float,
@@ -40,6 +43,10 @@ def add_hit_moments(
         robot_from_sensor.
     usable_m : (n_geometries,) float64
         End points up to this range count.
+    beam_interval_s : (n_geometries,) float64
+        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
+    twists : (n_scans, 3) float64
+        Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
     poses : (n_scans, 3) float64
         map_from_robot; rows with NaN are skipped.
     resolution_m, origin_x_m, origin_y_m : float
@@ -62,10 +69,18 @@ def add_hit_moments(
         sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
         x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
         y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
             distance = float(ranges_m[scan, beam])
             if not distance <= usable_m[geometry]:
                 continue
+            if interval_s != 0.0:
+                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
+                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
+                turned = yaw + elapsed_s * twists[scan, 2]
+                cos, sin = math.cos(turned), math.sin(turned)
+                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
             length = distance / resolution_m
             direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
             x = x0 + length * (cos * direction_x - sin * direction_y)
@@ -142,6 +157,8 @@ def add_evidence(
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
     poses: F64,
     resolution_m: float,
     origin_x_m: float,
@@ -165,7 +182,9 @@ def add_evidence(
 
     Parameters
     ----------
-    ranges_m, geometry_index, directions, sensor_poses, usable_m, poses, resolution_m, origin_x_m, origin_y_m
+    ranges_m, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists, poses
+        As in `add_hit_moments`.
+    resolution_m, origin_x_m, origin_y_m
         As in `add_hit_moments`.
     index : (rows * cols,) int32
         Number of each cell of interest, row by row; for the others -d, where d >= 1 is the distance (of rows or
@@ -197,10 +216,18 @@ def add_evidence(
         sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
         x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
         y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
+        interval_s = beam_interval_s[geometry]
         for beam in range(ranges_m.shape[1]):
             distance = float(ranges_m[scan, beam])
             if math.isnan(distance):
                 continue
+            if interval_s != 0.0:
+                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
+                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
+                turned = yaw + elapsed_s * twists[scan, 2]
+                cos, sin = math.cos(turned), math.sin(turned)
+                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
+                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
             direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
             dx = cos * direction_x - sin * direction_y
             dy = sin * direction_x + cos * direction_y

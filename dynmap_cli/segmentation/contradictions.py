@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I8, I64
-from dynmap_cli.counting.evidence import EvidenceParams
-from dynmap_cli.counting.looks import count_looks
+from dynmap_cli.counting.evidence import EvidenceParams, SurfaceCells, surface_cells
+from dynmap_cli.counting.looks import judged_looks, time_windows
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.progress import Tick, no_tick
+from dynmap_cli.segmentation.large_changes import large_changes
+from dynmap_cli.segmentation.windows import WindowRecord
 
 _MIN_WINDOWS, _MIN_WINDOW_SHARE = 2, 0.1
 _STANDING_SHARE = 0.7
@@ -19,20 +21,23 @@ _STANDING_SHARE = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Contradictions:
-    """In how many time windows each cell was seen occupied, and free.
+    """In which time windows each cell was seen occupied, and free.
 
     Attributes
     ----------
-    frame : GridFrame
-    occupied, free : (rows, cols) int64
-        Numbers of windows; the others said nothing of the cell.
+    surface : SurfaceCells
+        The cells that may have been occupied.
+    record : WindowRecord
+        Of these cells.
+    large : (n,) bool
+        Of these cells: those that only one window saw so, of things larger than a person.
     n_windows : int
         Windows with scans in them.
     """
 
-    frame: GridFrame
-    occupied: I64
-    free: I64
+    surface: SurfaceCells
+    record: WindowRecord
+    large: B1
     n_windows: int
 
     @property
@@ -42,20 +47,66 @@ class Contradictions:
         Two windows rule out people who stand. On a long log a fixed two lets noise in, hence 10 % of the
         windows that usually (median) know a cell which was occupied at some time.
         """
-        known = (self.occupied + self.free)[(self.occupied > 0) & (self.occupied + self.free >= _MIN_WINDOWS)]
+        windows = self.record.occupied + self.record.free
+        known = windows[(self.record.occupied > 0) & (windows >= _MIN_WINDOWS)]
         usual = float(np.median(known)) if known.size else 0.0
         return max(_MIN_WINDOWS, int(np.ceil(_MIN_WINDOW_SHARE * usual)))
 
     @property
+    def occupied(self) -> I64:
+        """(rows, cols) in how many windows each cell was seen occupied."""
+        return self._on_map(self.record.occupied)
+
+    @property
+    def free(self) -> I64:
+        """(rows, cols) in how many windows each cell was seen free."""
+        return self._on_map(self.record.free)
+
+    @property
     def contested(self) -> B1:
-        """(rows, cols) whether a cell was seen occupied and free often enough."""
-        return np.asarray(np.minimum(self.occupied, self.free) >= self.windows_needed)
+        """(rows, cols) whether a cell was seen occupied and free often enough; large things once on a short log."""
+        found = np.minimum(self.record.occupied, self.record.free) >= self.windows_needed
+        return self._on_map(found | self.large if self._is_short else found).astype(bool)
 
     @property
     def standing(self) -> I8:
         """(rows, cols) int8, 1 where a cell is occupied in at least 70 % of the windows that know it."""
-        known = self.occupied + self.free
-        return ((self.occupied > 0) & (self.occupied >= _STANDING_SHARE * known)).astype(np.int8)
+        return self._on_map(_stands(self.record)).astype(np.int8)
+
+    def changed_as_one(self, groups: list[I64], min_cells: int) -> list[I64]:
+        """Groups of contested cells, (n, 2) each, of which windows enough saw *min_cells* at once in either state.
+
+        The cells of an object appear and vanish together. Where a surface is ragged, or the poses blur it, cells
+        contradict one another one by one.
+        """
+        group_of = np.full(self.surface.cells.shape[0], -1, dtype=np.int64)
+        needed = np.full(len(groups), self.windows_needed, dtype=np.int64)
+        for number, cells in enumerate(groups):
+            own = self.surface.index[cells[:, 0], cells[:, 1]]
+            group_of[own] = number
+            if self._is_short and self.large[own].any():
+                needed[number] = 1
+        occupied, free = self.record.windows_showing(group_of, len(groups), min_cells)
+        kept = np.minimum(occupied, free) >= needed
+        return [cells for cells, is_kept in zip(groups, kept.tolist(), strict=True) if is_kept]
+
+    @property
+    def _is_short(self) -> bool:
+        """Whether the log is so short that two windows are enough."""
+        return self.windows_needed == _MIN_WINDOWS
+
+    def _on_map(self, values: B1 | I64) -> I64:
+        """(rows, cols) with the values (n,) of the surface cells; 0 elsewhere."""
+        found = np.zeros(self.surface.frame.shape, dtype=np.int64)
+        found[self.surface.cells[:, 0], self.surface.cells[:, 1]] = values
+        return found
+
+
+def _stands(record: WindowRecord) -> B1:
+    """(n,) whether cells are occupied in most of the windows that know them."""
+    return np.asarray(
+        (record.occupied > 0) & (record.occupied >= _STANDING_SHARE * (record.occupied + record.free))
+    )
 
 
 def find_contradictions(
@@ -80,9 +131,9 @@ def find_contradictions(
     params : EvidenceParams
     on_window : Tick
     """
-    looks = count_looks(log, poses, frame, window_s, params, on_window)
-    occupied, free = (np.zeros(frame.shape, dtype=np.int64) for _ in range(2))
-    row, col = looks.surface.cells.T
-    occupied[row, col] = looks.occupied
-    free[row, col] = looks.free
-    return Contradictions(frame, occupied, free, looks.n_looks)
+    windows = time_windows(log, window_s)
+    surface = surface_cells(log, poses, frame, windows, params)
+    record = WindowRecord(surface.cells.shape[0])
+    for look in judged_looks(log, poses, windows, surface, params, on_window):
+        record.add(look.seen, look.states)
+    return Contradictions(surface, record, large_changes(surface, record, _stands(record)), len(windows))

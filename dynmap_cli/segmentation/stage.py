@@ -54,7 +54,7 @@ def find_submaps(
     evidence = evidence_params(settings)
     found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
     params = _region_params(settings, frame.resolution_m)
-    components = grow_components(found.contested, params)
+    components = found.changed_as_one(grow_components(found.contested, params), params.min_cells)
     groups = merge_regions(components, found.standing, params)
     cells = [np.concatenate([components[k] for k in group]) for group in groups]
     return make_submaps(cells, frame, params.margin), found

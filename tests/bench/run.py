@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tests.bench import (
     beams,
     cleaned,
+    clustering,
     crowd,
     drives,
     filtering,
@@ -49,6 +50,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "patrol": patrol.tables,
     "filtering": filtering.tables,
     "beams": beams.tables,
+    "clustering": clustering.tables,
     "states": states.tables,
     "drives": drives.tables,
     "localization": localization.tables,

@@ -4,7 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynmap_cli.clustering.local_maps import LocalMaps, align, component_sizes, shifted, varying_vectors
+from dynmap_cli.clustering.local_maps import (
+    LocalMaps,
+    align,
+    component_sizes,
+    shifted,
+    varying_vectors,
+    without_specks,
+)
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN
 
 SHAPE = (30, 40)
@@ -86,3 +93,35 @@ def test_cells_one_apart_are_one_group():
     cells[2, [2, 4, 6]] = True
     cells[9, 9] = True
     assert sorted(component_sizes(cells)) == [1, 3]
+
+
+def test_specks_are_taken_out_and_surfaces_stay():
+    states = room(True)
+    states[25, 20:23] = OCCUPIED
+    clean = without_specks(states, 6)
+    assert (clean[25, 20:23] == UNKNOWN).all()
+    np.testing.assert_array_equal(clean[:24], states[:24])
+
+
+def test_noise_of_single_maps_does_not_vary():
+    draw = np.random.default_rng(2)
+    noisy = [room(False) for _ in range(8)]
+    for states in noisy:
+        states[10, draw.choice(np.arange(13, 25), size=2, replace=False)] = OCCUPIED
+    assert varying_vectors(maps_of(*noisy), everywhere(), everywhere(), 6).values.shape[1] == 0
+
+
+def test_a_map_of_a_rare_state_is_laid_over_the_others_of_that_state():
+    def with_box(states):
+        states[18:26, [20, 30]] = OCCUPIED
+        return states
+
+    def no_wall_across(closed):
+        states = room(closed)
+        states[4:20, 3] = UNKNOWN
+        return states
+
+    boxes = [with_box(no_wall_across(False)) for _ in range(3)]
+    moved = shifted(with_box(no_wall_across(False)), (0, 1), UNKNOWN)
+    aligned = align(maps_of(*[no_wall_across(False)] * 30, *boxes, moved))
+    np.testing.assert_array_equal(aligned.states[-1][:, 5:35], boxes[0][:, 5:35])

@@ -12,6 +12,7 @@ from dynmap_cli.clustering.local_maps import Vectors
 from dynmap_cli.clustering.model_selection import (
     assign,
     choose_clusters,
+    fitting_states,
     largest_contradiction,
     merge_equal,
 )
@@ -89,3 +90,13 @@ def test_a_visit_that_saw_little_is_assigned_only_where_it_leaves_no_doubt():
     expected = int(clusters.centers[:, -1].argmax())
     assert found.tolist() == [-1, expected, -1]
     assert share[1] > 0.9
+
+
+def test_a_visit_that_did_not_see_where_states_differ_fits_both():
+    vectors, _ = table(6, [(0, 0), (0, 1)], [4, 4], noise=0.0, unknown=0.0)
+    clusters = choose_clusters(vectors, 12, 6).clusters
+    blind = np.concatenate([np.zeros(CELLS), np.full(CELLS, np.nan)])
+    other = np.concatenate([np.ones(CELLS), np.zeros(CELLS)])
+    assert fitting_states(blind, vectors, clusters, 6).tolist() == [0, 1]
+    assert fitting_states(vectors.values[0], vectors, clusters, 6).size == 1
+    assert fitting_states(other, vectors, clusters, 6).size == 0

@@ -98,3 +98,14 @@ def test_a_door_that_moves_while_it_is_watched_makes_the_visit_mixed():
 def test_no_submap_no_states(doors):
     run, _ = doors
     assert learn_patch_map(run.log, run.true_poses, (), SETTINGS) == ((), ())
+
+
+def test_where_near_visits_show_one_state_those_from_farther_away_are_taken(doors):
+    run, frame = doors
+    submaps, _ = find_submaps(run.log, run.true_poses, frame, SegmentationSettings())
+    beyond_reach = ClusteringSettings(near_m=0.3)
+    patch_sets, visits = learn_patch_map(run.log, run.true_poses, submaps, beyond_reach)
+    assert [len(patch_set.patches) for patch_set in patch_sets] == [2, 2]
+    for number in (0, 1):
+        known = [v for v in visits if v.submap_id == number and v.patch is not None]
+        assert plain_rand_index(truth_of(run, known, number), [v.patch for v in known]) == 1.0

@@ -5,7 +5,7 @@ import pytest
 
 from dynmap_cli.counting.counts import frame_of_scans
 from dynmap_cli.counting.evidence import EvidenceParams
-from dynmap_cli.counting.looks import count_looks, count_watches, time_windows
+from dynmap_cli.counting.looks import count_watches, time_windows
 from tests.counting.scenes import THING_M, scene, standing
 
 LOOK_S = 5.0
@@ -20,7 +20,8 @@ def counted(log, watch_s):
 def test_looks_are_counted_once_per_window():
     log = scene(standing(10, 20))
     poses = log.odometry.copy()
-    looks = count_looks(log, poses, frame_of_scans(log, poses, 30.0, 0.05), LOOK_S, EvidenceParams())
+    frame = frame_of_scans(log, poses, 30.0, 0.05)
+    looks = count_watches(log, poses, frame, LOOK_S, 0.0, EvidenceParams()).looks
     assert looks.n_looks == len(time_windows(log, LOOK_S)) == 12
     assert (looks.occupied + looks.free <= 12).all()
     distance_m = np.linalg.norm(looks.surface.frame.to_points(looks.surface.cells) - [THING_M, 0.0], axis=1)

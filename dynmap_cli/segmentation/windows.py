@@ -1,0 +1,70 @@
+"""What each time window saw of the cells that may have been occupied at some time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, I8, I64, U8
+from dynmap_cli.domain.grid import FREE, OCCUPIED
+
+
+class WindowRecord:
+    """What each window saw of the surface cells: one bit per cell and kind, and the last window of either kind.
+
+    Attributes
+    ----------
+    occupied, free : (n,) int64
+        In how many windows each cell was seen so.
+    last_occupied, last_free : (n,) int32
+        The last window that saw it so, -1 = none.
+    """
+
+    def __init__(self, n_cells: int) -> None:
+        self.occupied, self.free = (np.zeros(n_cells, dtype=np.int64) for _ in range(2))
+        self.last_occupied, self.last_free = (np.full(n_cells, -1, dtype=np.int32) for _ in range(2))
+        self._bits: list[tuple[U8, U8]] = []
+
+    def add(self, seen: I64, states: I8) -> None:
+        """Count the states (m,) of the cells *seen* (m,) in the next window."""
+        occupied, free = seen[states == OCCUPIED], seen[states == FREE]
+        self.occupied[occupied] += 1
+        self.free[free] += 1
+        self.last_occupied[occupied] = self.last_free[free] = len(self._bits)
+        self._bits.append((self._packed(occupied), self._packed(free)))
+
+    def window(self, number: int) -> tuple[B1, B1]:
+        """Whether each cell was seen occupied, and free, in a window."""
+        count = self.occupied.size
+        occupied, free = (np.unpackbits(bits, count=count).astype(bool) for bits in self._bits[number])
+        return occupied, free
+
+    def _packed(self, cells: I64) -> U8:
+        """Numbers of cells as bits."""
+        mask = np.zeros(self.occupied.size, dtype=bool)
+        mask[cells] = True
+        return np.packbits(mask)
+
+    def windows_showing(self, group_of: I64, n_groups: int, least_cells: int) -> tuple[I64, I64]:
+        """In how many windows at least so many cells of each group were seen occupied, and free.
+
+        Parameters
+        ----------
+        group_of : (n,) int64
+            Number of the group of each cell, -1 = none.
+        n_groups : int
+        least_cells : int
+
+        Returns
+        -------
+        (n_groups,) int64
+            Occupied.
+        (n_groups,) int64
+            Free.
+        """
+        cells = np.flatnonzero(group_of >= 0)
+        shown = np.zeros((2, n_groups), dtype=np.int64)
+        for number in range(len(self._bits)):
+            for kind, seen in enumerate(self.window(number)):
+                counts = np.bincount(group_of[cells[seen[cells]]], minlength=n_groups)
+                shown[kind] += counts >= least_cells
+        return shown[0], shown[1]
