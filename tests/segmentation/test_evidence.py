@@ -1,14 +1,17 @@
 """What counts as evidence: kernels against their plain twins, and the rule about grazing beams."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynmap_cli.counting.counts import twists_of
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, surface_cells
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame
+from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.kernels.regions import judge_cells, segment_is_blocked, surface_normals
 from tests.reference.regions import plain_evidence, plain_normal, plain_states
@@ -26,6 +29,29 @@ def random_log(seed, n_scans=6):
     stamps = np.arange(n_scans) * 10**8
     log = single_laser_log(stamps, ranges, BEARINGS, np.full((n_scans, 3), np.nan), range_limits_m=(0.0, 3.0))
     return log, poses
+
+
+@pytest.mark.parametrize("interval_s", [0.002, -0.002])
+def test_each_beam_of_a_sweep_starts_where_the_robot_is_by_then(interval_s):
+    log, _ = random_log(7)
+    log = replace(log, beam_interval_s=np.full_like(log.beam_interval_s, interval_s))
+    yaw = 0.08 * np.arange(log.n_scans)
+    poses = np.column_stack([0.02 * np.arange(log.n_scans), np.zeros(log.n_scans), yaw])
+    rule = EvidenceParams(max_range_m=2.0, occupied_hits=1.0)
+    surface = surface_cells(log, poses, FRAME, [slice(None)], rule)
+    evidence = Evidence(surface, rule)
+    evidence.add(log, poses)
+    twists = twists_of(log, poses)
+    twists[-1] = twists[-2]
+    beams = []
+    for pose, twist, ranges in zip(poses, twists, log.ranges_m, strict=True):
+        for beam, distance in enumerate(ranges):
+            elapsed_s = (beam if interval_s > 0 else beam - ranges.size + 1) * interval_s
+            x, y, turned = compose(pose, elapsed_s * twist)
+            beams.append((x, y, turned + BEARINGS[beam], float(distance)))
+    hits, crossed = plain_evidence(beams, surface, math.sin(rule.min_crossing_rad), rule.beyond_m, 2.0)
+    np.testing.assert_array_equal(evidence.hits, hits)
+    np.testing.assert_allclose(evidence.crossed, crossed, atol=1e-6)
 
 
 @settings(max_examples=25)

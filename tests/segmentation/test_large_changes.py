@@ -29,12 +29,6 @@ def test_a_window_with_poses_that_are_off_makes_no_submap():
     assert submaps == ()
 
 
-def test_a_sweep_that_takes_time_is_corrected_while_the_robot_turns():
-    run, frame = corridor(beam_interval_s=0.0012, repeat=8)
-    submaps, _ = find_submaps(run.log, run.true_poses, frame, SETTINGS)
-    assert submaps == ()
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_windows_are_remembered_and_counted_by_group(seed):
     draw = np.random.default_rng(seed)

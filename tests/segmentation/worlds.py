@@ -9,7 +9,7 @@ from dynmap_cli.simulation.scenario import parse_scenario
 RESOLUTION_M = 0.05
 
 
-def corridor(*, doors=(), boxes=(), movers=(), repeat=6, beams=121, rate_hz=4, seed=1, beam_interval_s=0.0):
+def corridor(*, doors=(), boxes=(), movers=(), repeat=6, beams=121, rate_hz=4, seed=1):
     """Run of a robot that drives to and fro in a corridor of 12 x 2 m with niches; a way takes about 28 s."""
     walls = [
         [[0, 0], [1, 0], [1, -0.4], [1.6, -0.4], [1.6, 0], [3, 0]],
@@ -24,15 +24,7 @@ def corridor(*, doors=(), boxes=(), movers=(), repeat=6, beams=121, rate_hz=4, s
         "world": {"walls": walls, "doors": list(doors), "boxes": list(boxes)},
         "movers": list(movers),
         "robot": {"path": [[1, 1.1], [6, 1.0], [11, 1.1], [6, 0.9], [1, 1.1]], "repeat": repeat},
-        "lasers": [
-            {
-                "beams": beams,
-                "fov_deg": 240,
-                "rate_hz": rate_hz,
-                "max_range_m": 15,
-                "beam_interval_s": beam_interval_s,
-            }
-        ],
+        "lasers": [{"beams": beams, "fov_deg": 240, "rate_hz": rate_hz, "max_range_m": 15}],
     }
     run = simulate(parse_scenario(scenario))
     return run, frame_of_scans(run.log, run.true_poses, 15.0, RESOLUTION_M)
