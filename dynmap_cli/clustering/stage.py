@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
-
 from dynmap_cli.arrays import F64
 from dynmap_cli.clustering.corrections import apply_corrections
 from dynmap_cli.clustering.numbering import keep_numbers
@@ -21,14 +19,12 @@ from dynmap_cli.domain.corrections import Merge
 from dynmap_cli.domain.patches import PatchSet, Visit
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
-from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.edits import NAME as EDITS
 from dynmap_cli.files.edits import read_edits
 from dynmap_cli.files.known import FOUND_PATCHES, read_known_patches
 from dynmap_cli.files.patch_archive import write_patches
-from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.registered import read_registered
 from dynmap_cli.files.submaps import read_submaps
-from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.stage import Stage, StageContext
 
@@ -83,12 +79,7 @@ def learn_patch_map(
 
 def run(context: StageContext) -> dict[str, Any]:
     """Read, call, write."""
-    log = read_scan_log(context.scans_dir)
-    where = context.run_dir / "map" / "trajectory.tum"
-    trajectory = read_tum(where)
-    if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
-        msg = f"{where}: not the trajectory of these scans. Run `dynmap map` again with --force."
-        raise ArtifactError(msg)
+    log, trajectory = read_registered(context.scans_dir, context.run_dir / "map")
     submaps = read_submaps(context.run_dir / "submaps")
     with progress("cluster", len(submaps), "sub-maps") as tick:
         patch_sets, visits = learn_patch_map(

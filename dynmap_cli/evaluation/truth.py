@@ -18,7 +18,7 @@ from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json, read_text
 from dynmap_cli.files.manifest import read_manifest
 from dynmap_cli.files.npy import Column, read_npz
-from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.registered import read_registered
 from dynmap_cli.files.trajectory import read_tum
 
 _SAME_SCAN_S = 0.001
@@ -137,11 +137,7 @@ def read_run(folder: Path) -> Run:
     if manifest is None:
         msg = f"{folder}: not a run directory with a finished map. Run `dynmap build` first."
         raise ArtifactError(msg)
-    log = read_scan_log(folder / "scans")
-    trajectory = read_tum(folder / "map" / "trajectory.tum")
-    if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
-        msg = f"{folder}: map/ is not of these scans. Run `dynmap map` again with --force."
-        raise ArtifactError(msg)
+    log, trajectory = read_registered(folder / "scans", folder / "map")
     path, shape = folder / "map" / "beams.npz", (log.n_scans, log.n_beams)
     e, is_unknown = read_beams(path, shape), read_unknown(path, shape)
     return Run(folder, log, trajectory.poses, e, is_unknown, manifest.settings)

@@ -11,9 +11,8 @@ from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.manifest import manifest_path, read_manifest
 from dynmap_cli.files.patch_archive import read_patches, read_visits
-from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.registered import read_registered
 from dynmap_cli.files.submaps import read_submaps
-from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.history.timeline import History, as_csv, describe, histories_of
 from dynmap_cli.segmentation.settings import SegmentationSettings
 
@@ -72,13 +71,8 @@ def explain(run_dir: Path, submap_id: int) -> dict[str, Any]:
     visits = [visit for visit in read_visits(archive) if visit.submap_id == submap_id]
     patch_sets = {patch_set.submap_id: patch_set for patch_set in read_patches(archive)}
     settings, windows_needed = _segmentation_of(run_dir)
-    evidence = evidence_of(
-        read_scan_log(run_dir / "scans"),
-        read_tum(run_dir / "map" / "trajectory.tum").poses,
-        submap,
-        settings.window_s,
-        evidence_params(settings),
-    )
+    log, trajectory = read_registered(run_dir / "scans", run_dir / "map")
+    evidence = evidence_of(log, trajectory.poses, submap, settings.window_s, evidence_params(settings))
     found = explanation_of(submap, evidence, visits, patch_sets.get(submap_id))
     found["evidence"].update(window_s=settings.window_s, windows_needed=windows_needed)
     return found

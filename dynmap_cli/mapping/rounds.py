@@ -64,6 +64,9 @@ class FilterMap:
         What the first round would have drawn of all beams.
     graph : Graph or None
         Of the key scans of all drives; None where the recorded poses were taken as they are.
+    beam_interval_s : (n_geometries,) float64
+        Time from one beam to the next as the scans show it: negative where a sweep runs from the last beam to the
+        first, 0 where all beams are made at once.
     drives : tuple of Registrar
         What registered each drive; empty where the recorded poses were taken as they are.
     """
@@ -73,6 +76,7 @@ class FilterMap:
     rounds: tuple[Round, ...]
     unfiltered: OccupancyGrid
     graph: Graph | None
+    beam_interval_s: F64
     drives: tuple[Registrar, ...]
 
 
@@ -120,6 +124,7 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
                 tuple(rounds),
                 unfiltered,
                 site.graph,
+                np.array(site.log.beam_interval_s),
                 site.drives,
             )
         del filtered  # as large as the map of the next round

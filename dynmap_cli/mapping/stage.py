@@ -13,8 +13,8 @@ from dynmap_cli.counting.em import occupancy
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.counting_map import write_beams, write_counting_map
 from dynmap_cli.files.pgm import write_map
+from dynmap_cli.files.registered import write_registered
 from dynmap_cli.files.scan_log import read_scan_log
-from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping.back_end import Graph
 from dynmap_cli.mapping.demands import check_scans
 from dynmap_cli.mapping.front_end import times_of
@@ -42,7 +42,7 @@ def run(context: StageContext) -> dict[str, Any]:
     check_scans(log, settings, str(context.scans_dir))
     result = build_filter_map(log, settings, threads=context.threads)
     out = context.out_dir
-    write_tum(out / "trajectory.tum", result.trajectory)
+    write_registered(out, result.trajectory, result.beam_interval_s)
     write_beams(
         out / "beams.npz", log.stamps_ns, result.filtered.static_probability, result.filtered.is_unknown
     )
@@ -176,6 +176,7 @@ STAGE = Stage(
         "map/map.yaml",
         "map/reflectance.npz",
         "map/trajectory.tum",
+        "map/beam_interval_s.npy",
         "map/trajectory.g2o",
         "map/edges.csv",
         "map/loops.csv",

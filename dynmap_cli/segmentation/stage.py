@@ -14,14 +14,13 @@ from dynmap_cli.domain.corrections import Addition
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
-from dynmap_cli.errors import ArtifactError, ConfigError
+from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.counting_map import read_counting_map
 from dynmap_cli.files.edits import NAME as EDITS
 from dynmap_cli.files.edits import read_edits
 from dynmap_cli.files.known import FOUND, read_known_submaps
-from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.registered import read_registered
 from dynmap_cli.files.submaps import write_submaps
-from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
 from dynmap_cli.segmentation.corrections import apply_corrections
@@ -93,12 +92,7 @@ def _region_params(settings: SegmentationSettings, resolution_m: float) -> Regio
 def run(context: StageContext) -> dict[str, Any]:
     """Read, call, write."""
     settings = context.config.segmentation
-    log = read_scan_log(context.scans_dir)
-    trajectory = read_tum(context.run_dir / "map" / "trajectory.tum")
-    if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
-        where = context.run_dir / "map" / "trajectory.tum"
-        msg = f"{where}: not the trajectory of these scans. Run `dynmap map` again with --force."
-        raise ArtifactError(msg)
+    log, trajectory = read_registered(context.scans_dir, context.run_dir / "map")
     frame = read_counting_map(context.run_dir / "map" / "reflectance.npz").frame
     windows = len(time_windows(log, settings.window_s))
     with progress("segment", windows, "windows") as tick:

@@ -15,8 +15,8 @@ from dynmap_cli.domain.poses import Trajectory, compose
 from dynmap_cli.files.counting_map import write_beams
 from dynmap_cli.files.manifest import Manifest, write_manifest
 from dynmap_cli.files.pgm import write_map
+from dynmap_cli.files.registered import write_registered
 from dynmap_cli.files.scan_log import write_scan_log
-from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.simulation.run import simulate
 from dynmap_cli.simulation.scenario import load_scenario
 from dynmap_cli.simulation.truth import write_truth
@@ -48,7 +48,7 @@ def written(sample_logs, tmp_path_factory):
     (run / "map").mkdir()
     poses = compose(np.array([2.0, 1.0, 0.5]), simulated.true_poses)
     write_scan_log(run / "scans", replace(simulated.log, ranges_m=simulated.log.ranges_m.copy()))
-    write_tum(run / "map" / "trajectory.tum", Trajectory(simulated.log.stamps_ns, poses))
+    write_registered(run / "map", Trajectory(simulated.log.stamps_ns, poses), simulated.log.beam_interval_s)
     labels = np.where(simulated.beam_class == 1, 0.0, 1.0).astype(np.float32)
     labels[simulated.beam_class == 2] = np.nan
     write_beams(run / "map" / "beams.npz", simulated.log.stamps_ns, labels, np.zeros(labels.shape, bool))
