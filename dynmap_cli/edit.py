@@ -18,11 +18,13 @@ from dynmap_cli.files.edits import check_name, read_edits, read_polygon, write_e
 from dynmap_cli.files.known import FOLDER, forget, remember
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.patch_archive import read_patches
+from dynmap_cli.files.publishing import finish_swap
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
 from dynmap_cli.pipeline import (
+    STAGE_PLACES,
     StageResult,
     check_finished,
     context_of,
@@ -86,6 +88,7 @@ def edit(run_dir: Path, wishes: Wishes, *, threads: int) -> tuple[tuple[Correcti
     """
     _check_there(run_dir)
     with writing(run_dir):
+        finish_swap(run_dir, STAGE_PLACES)
         check_finished(run_dir, (INGEST, MAP))
         read_scan_log(
             run_dir / INGEST.folder
@@ -189,6 +192,13 @@ def _added(run_dir: Path, path: Path, numbers: Sequence[int], config: Config) ->
         msg = (
             f"{path}: no cell of the map lies in this polygon; the map is x {left:.1f} to {right:.1f}, "
             f"y {bottom:.1f} to {top:.1f} m."
+        )
+        raise ConfigError(msg)
+    cap_m2 = config.segmentation.max_area_m2
+    if submap.area_m2 > cap_m2:
+        msg = (
+            f"{path}: its rectangle has {submap.area_m2:.1f} m2, a sub-map at most {cap_m2:g} m2 "
+            "(segmentation.max_area_m2). Give several smaller ones."
         )
         raise ConfigError(msg)
     return addition, submap

@@ -24,12 +24,11 @@ from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.manifest import (
     Manifest,
     damaged,
-    manifest_path,
     read_manifest,
     sha256_of,
-    write_manifest,
 )
 from dynmap_cli.files.pgm import image_of
+from dynmap_cli.files.publishing import finish_swap, publish, read_manifest_or_none
 from dynmap_cli.ingest.containers import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
@@ -42,6 +41,8 @@ _log = logging.getLogger(__name__)
 
 STAGES = (INGEST, MAP, SEGMENT, CLUSTER, REPORT)
 """What `dynmap build` runs, in this order; each reads only what earlier ones wrote."""
+STAGE_PLACES = tuple((stage.folder, stage.name) for stage in STAGES)
+"""Folder and name of each, as `finish_swap` wants them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,7 @@ def build(
     check_recordings(recordings)
     results = []
     with writing(run_dir):
+        finish_swap(run_dir, STAGE_PLACES)
         if force:
             _forget_others(run_dir, recordings)
         else:
@@ -135,6 +137,7 @@ def run_one(
         )
         raise ArtifactError(msg)
     with writing(run_dir):
+        finish_swap(run_dir, STAGE_PLACES)
         if stage is INGEST and not force:
             keep_recordings(run_dir, recordings)
         result = run_stage(stage, context_of(run_dir, config, threads, tuple(recordings)), force=force)
@@ -343,24 +346,3 @@ def digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str
             msg = f"{path}: cannot be read ({err.strerror})"
             raise error(msg) from err
     return digests
-
-
-def publish(part: Path, folder: Path, manifest: Manifest) -> None:
-    """Move the files of a stage to their place; the manifest is taken away first and written last."""
-    previous = read_manifest_or_none(folder, manifest.stage)
-    manifest_path(folder, manifest.stage).unlink(missing_ok=True)
-    for name in previous.outputs if previous else ():
-        if name not in manifest.outputs:
-            (folder / name).unlink(missing_ok=True)
-    for name in manifest.outputs:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (part / name).replace(folder / name)
-    write_manifest(folder, manifest)
-
-
-def read_manifest_or_none(folder: Path, stage: str) -> Manifest | None:
-    """Read a manifest that is about to be replaced; a damaged one counts as none."""
-    try:
-        return read_manifest(folder, stage)
-    except ArtifactError:
-        return None

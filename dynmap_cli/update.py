@@ -7,24 +7,28 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from shutil import copyfile
+from typing import Any
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config, load_config
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.files.atomic import scratch_folder
+from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.edits import NAME as EDITS
-from dynmap_cli.files.known import FOLDER, forget, remember
+from dynmap_cli.files.known import remember
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import Manifest, read_manifest
+from dynmap_cli.files.publishing import SWAPPED_IN, finish_swap
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.pipeline import (
+    STAGE_PLACES,
     STAGES,
     StageResult,
     check_finished,
     check_recordings,
     context_of,
     digests_of,
-    publish,
     run_stage,
     write_run_yaml,
 )
@@ -56,6 +60,7 @@ def update(run_dir: Path, recordings: Sequence[Path], *, threads: int) -> list[S
         msg = f"{run_dir}: no such run directory. Run `dynmap build LOG -o {run_dir}` first."
         raise ArtifactError(msg)
     with writing(run_dir):
+        finish_swap(run_dir, STAGE_PLACES)
         config = settings_of(run_dir)
         new = _not_there(run_dir, recordings)
         if not new:
@@ -79,24 +84,36 @@ def _made_beside(run_dir: Path, new: Sequence[Path], config: Config, threads: in
             context_of(beside, config, threads, tuple(new)), earlier_scans=run_dir / INGEST.folder
         )
         results = [run_stage(stage, context, force=True) for stage in STAGES]
-        forget(run_dir)
-        (beside / FOLDER).rename(run_dir / FOLDER)
-        for stage, result in zip(STAGES, results, strict=True):
-            publish(result.folder, run_dir / stage.folder, result.manifest)
-        return [
-            replace(result, folder=run_dir / stage.folder)
-            for stage, result in zip(STAGES, results, strict=True)
-        ]
+        # From here on the update counts as made; what interrupts it is made good by the next command.
+        beside.rename(run_dir / SWAPPED_IN)
+    finish_swap(run_dir, STAGE_PLACES)
+    return [
+        replace(result, folder=run_dir / stage.folder) for stage, result in zip(STAGES, results, strict=True)
+    ]
 
 
 def settings_of(run_dir: Path) -> Config:
-    """The settings that the stages of a run were run with."""
-    words = {}
+    """The settings that a run was made with: of its stages by their manifests, the others as run.yaml notes them."""
+    words = _noted_settings(run_dir)
     for stage in STAGES:
         done = read_manifest(run_dir / stage.folder, stage.name)
         if done is not None and stage.section in Config.model_fields:
             words.update({f"{stage.section}.{key}": value for key, value in done.settings.items()})
     return load_config(None, words).config
+
+
+def _noted_settings(run_dir: Path) -> dict[str, Any]:
+    """Seed and settings of `localize` in run.yaml; where it cannot be read, a warning says so."""
+    path = run_dir / "run.yaml"
+    try:
+        settings = parse_yaml(read_text(path))["settings"]
+        words = {f"localization.{key}": value for key, value in settings["localization"].items()}
+        return {"seed": settings["seed"], **words}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
+        _log.warning(
+            "%s: cannot be read (%s); seed and settings of localize are the defaults", path, reason(err)
+        )
+        return {}
 
 
 def _ingested(run_dir: Path) -> Manifest:

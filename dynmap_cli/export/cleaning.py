@@ -114,9 +114,11 @@ def _write(
             writer = McapCopy(stream, containers, "dynmap clean")
             for stored in in_order(containers):
                 _take(stored, writer, labels, done, is_label=is_label)
-            missing = int((~labels.was_found).sum())
+            missing = labels.missing
             if missing == labels.was_found.size or (missing and not refused):
                 raise _not_found(sources, missing, labels, done)
+            if len(labels.drives) > 1:
+                raise _several_drives(labels.drives)
             writer.finish()
     done.losses = [one.damage.line() for one in containers if one.damage]
     return done
@@ -133,6 +135,14 @@ def _not_found(sources: Sequence[Source], missing: int, labels: BeamLabels, done
     return ArtifactError(
         f"{names}: {missing} of the {total} scans of the run are not in it. Pass the recordings that the run was made "
         "from, or leave out --run."
+    )
+
+
+def _several_drives(drives: Sequence[str]) -> ArtifactError:
+    """One line for recordings that one file cannot hold: its odometry would jump where nobody knows how."""
+    return ArtifactError(
+        f"{'; '.join(drives)}: {len(drives)} drives, and a recording holds one. Clean each on its own; with --run RUN "
+        "all take their labels from the map they share."
     )
 
 

@@ -32,6 +32,19 @@ class BeamLabels:
             self._rows.setdefault(stamp_ns, []).append(row)
         self.was_found = np.zeros(log.n_scans, dtype=bool)
 
+    @property
+    def missing(self) -> int:
+        """Sweeps that were not found in recordings of the run of which others were, or all if none was."""
+        recordings = self._log.recording_index
+        is_there = np.isin(recordings, recordings[self.was_found]) if self.was_found.any() else True
+        return int((~self.was_found & is_there).sum())
+
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """Names of the recordings of each drive of which sweeps were found."""
+        numbers = np.unique(self._log.drive_index[self.was_found]).tolist()
+        return tuple(", ".join(self._log.recordings_of(number)) for number in numbers)
+
     def row_of(self, stamp_ns: int, ranges_m: F32) -> int | None:
         """Row of the sweep with this stamp and these ranges (n_beams,), None where the run has none."""
         for row in self._rows.get(stamp_ns, ()):

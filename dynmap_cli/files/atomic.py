@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from dynmap_cli.errors import ArtifactError
@@ -25,7 +25,7 @@ def replacing(path: Path) -> Iterator[Path]:
         msg = f"{path}: cannot be written ({err.strerror or err}). Choose another output or free the place."
         raise ArtifactError(msg) from err
     finally:
-        if path.parent.is_dir():
+        with suppress(OSError):
             part.unlink(missing_ok=True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -97,9 +98,11 @@ def check_corners(corners: Sequence[Sequence[float]]) -> tuple[tuple[float, floa
     if not all(math.isfinite(value) and abs(value) <= FARTHEST_M for point in points for value in point):
         msg = f"coordinates are finite and within {FARTHEST_M:g} m of the origin"
         raise ValueError(msg)
-    x, y = zip(*points, strict=True)
-    if (max(x) - min(x)) * (max(y) - min(y)) < _LEAST_AREA_M2:
-        msg = "the corners lie on one line"
+    enclosed_m2 = 0.5 * abs(
+        sum(x * next_y - next_x * y for (x, y), (next_x, next_y) in pairwise((*points, points[0])))
+    )
+    if enclosed_m2 < _LEAST_AREA_M2:
+        msg = f"the corners enclose {enclosed_m2:.1g} m2, at least {_LEAST_AREA_M2:g} m2 is needed"
         raise ValueError(msg)
     return points
 
@@ -113,7 +116,7 @@ def read_polygon(path: Path) -> tuple[tuple[float, float], ...]:
         If it cannot be read or is none.
     """
     corners = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).removeprefix("\ufeff").splitlines(), start=1):
         words = line.partition("#")[0].split(",")
         if words == [""] or not line.strip():
             continue

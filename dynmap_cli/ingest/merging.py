@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,12 +14,15 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.clocks import UNDATED_BEFORE_NS
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
 
 _OVERLAP_S = 1.0
 _JUMP_M, _JUMP_M_PER_S = 1.0, 2.0
 _ORIGIN, _LEFT_ORIGIN_M = 0.01, 0.3
 _ABSURD_SWEEP = 2.0
+_AFTER_S = 61.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +53,7 @@ def find_drives(recordings: Sequence[RawRecording], max_gap_s: float) -> list[Dr
     LogError
         If two were made at the same time.
     """
-    ordered = sorted(recordings, key=first_stamp_ns)
+    ordered = sorted(recordings, key=lambda recording: recording.span_ns)
     drives = [Drive((ordered[0],))]
     for earlier, later in pairwise(ordered):
         why = _why_apart(earlier, later, max_gap_s)
@@ -82,16 +86,6 @@ def join_recordings(drive: Drive, others: Sequence[Drive]) -> RawRecording:
     return joined
 
 
-def first_stamp_ns(recording: RawRecording) -> int:
-    """Earliest stamp of any sweep."""
-    return min(min(laser.stamps_ns) for laser in recording.lasers.values())
-
-
-def _last_stamp_ns(recording: RawRecording) -> int:
-    """Latest stamp of any sweep."""
-    return max(max(laser.stamps_ns) for laser in recording.lasers.values())
-
-
 def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> str:
     """Why a recording does not continue the one before; "" where it does.
 
@@ -100,8 +94,11 @@ def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> 
     LogError
         If they were made at the same time.
     """
-    gap_s = (first_stamp_ns(later) - _last_stamp_ns(earlier)) * 1e-9
+    gap_s = (later.span_ns[0] - earlier.span_ns[1]) * 1e-9
     if gap_s < -_OVERLAP_S:
+        if _stamps(earlier) == _stamps(later):
+            msg = f"{earlier.name} and {later.name}: the same recording. Pass it once."
+            raise LogError(msg)
         raise _at_the_same_time(earlier.name, later.name, -gap_s)
     frames = [
         {(laser.name, laser.frame) for laser in recording.lasers.values()} for recording in (earlier, later)
@@ -111,6 +108,11 @@ def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> 
     if gap_s > max_gap_s:
         return f"{gap_s:.0f} s after the recording before (at most {max_gap_s:.0f} s, ingest.max_gap_s)"
     return ""
+
+
+def _stamps(recording: RawRecording) -> dict[str, list[int]]:
+    """Stamps of the sweeps of each laser."""
+    return {name: laser.stamps_ns for name, laser in recording.lasers.items()}
 
 
 def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
@@ -143,11 +145,22 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
 def add_drives(earlier: ScanLog, later: ScanLog) -> ScanLog:
     """Put the drives of a log that is there and of one that was read now into one.
 
+    Stamps without a date that overlap are moved: the later one comes after what is there.
+
     Raises
     ------
     LogError
         If two were made at the same time.
     """
+    if later.stamps_ns[0] <= earlier.stamps_ns[-1] < UNDATED_BEFORE_NS:
+        shift = earlier.stamps_ns[-1] - later.stamps_ns[0] + round(_AFTER_S * 1e9)
+        later = replace(later, stamps_ns=later.stamps_ns + shift)
+        _log.warning(
+            "%s: its stamps have no date and overlap with those of the run; taken as made after it: %.3f s were added "
+            "to its stamps",
+            ", ".join(later.recordings),
+            shift * 1e-9,
+        )
     for number in range(earlier.n_drives):
         stamps = earlier.stamps_ns[earlier.drive_index == number]
         overlap_s = (min(stamps[-1], later.stamps_ns[-1]) - max(stamps[0], later.stamps_ns[0])) * 1e-9

@@ -194,6 +194,12 @@ class RawRecording:
     warnings: list[str] = field(default_factory=list)
     n_read: int = 0
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Earliest and latest stamp of any sweep."""
+        stamps = [stamp for laser in self.lasers.values() for stamp in laser.stamps_ns]
+        return min(stamps), max(stamps)
+
     def drop_broken(self, what: str) -> None:
         """Count a message or line that is broken."""
         self.dropped[what] += 1

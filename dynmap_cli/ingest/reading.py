@@ -16,6 +16,7 @@ from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.carmen import read_carmen
+from dynmap_cli.ingest.clocks import part_clocks
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
@@ -84,6 +85,7 @@ def merge_recordings(
 ) -> tuple[ScanLog, IngestReport]:
     """Decide what is used of recordings that were loaded, and bring it into time order."""
     require_lasers(recordings)
+    part_clocks(recordings, settings.max_gap_s)
     waiting = find_drives(recordings, settings.max_gap_s)
     drives = [*waiting]
     merged: list[tuple[ScanLog, IngestReport]] = []

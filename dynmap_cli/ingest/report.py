@@ -13,6 +13,9 @@ from dynmap_cli.ingest.raw import Topic
 from dynmap_cli.ingest.timing import Timing
 from dynmap_cli.ingest.track_quality import TrackQuality
 
+_MUCH = 0.05
+"""Share of the scans from which on what is left out for one reason is a warning."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordingReport:
@@ -170,7 +173,10 @@ class IngestReport:
             lines.append(
                 f"{self.out_of_order} scans were stamped before their predecessor and were sorted in"
             )
-        lines += [f"dropped {count}: {reason}" for reason, count in sorted(self.dropped.items())]
+        lines += [
+            f"{'warning: ' if count > _MUCH * (self.scans + count) else ''}dropped {count}: {reason}"
+            for reason, count in sorted(self.dropped.items())
+        ]
         lines += [f"warning: {warning}" for warning in self.warnings]
         return lines
 

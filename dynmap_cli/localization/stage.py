@@ -29,6 +29,7 @@ HEALTH_HEADER = (
 VERDICTS = ("tracking", "changed", "lost")
 SURE = 0.8
 """A state counts as seen when its probability reaches this."""
+_MUCH_LOST = 0.2
 START_MARGIN_M = 5.0
 """A robot may start where its map has no cells, but not far from them."""
 
@@ -50,8 +51,19 @@ def run(context: StageContext) -> dict[str, Any]:
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, pool)
-    summary["lines"] += [f"warning: {sentence}" for sentence in (*warnings, *found.warnings)]
+    warnings += [*found.warnings, *_warn_of_losses(summary["lost"])]
+    summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
+
+
+def _warn_of_losses(lost_share: float) -> list[str]:
+    """A robot that is lost for much of a recording is probably somewhere else."""
+    if lost_share <= _MUCH_LOST:
+        return []
+    return [
+        f"lost for {100 * lost_share:.0f} % of the recording: it probably shows another place than the map, or one "
+        "that changed a lot; do not trust states and poses"
+    ]
 
 
 def _check_start(settings: LocalizationSettings, grid: OccupancyGrid) -> None:
@@ -161,7 +173,7 @@ def _history(rows: Sequence[StateRow], pool: MapPool, first_ns: int) -> str:
         if current is None:
             words.append(f"state {patch_id}")
         else:
-            words.append(f"-> {patch_id} at t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
+            words.append(f"-> {patch_id}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
         current = state
     if current is None:
         return "seen, its state stayed open" if rows else ""

@@ -138,9 +138,10 @@ def _choose(
         pose = max(agreed, key=lambda vote: vote.matched).site_from_drive
         check = _check(pose, site, drive, easel)
         if check.n_for < max(needed, _CLEARLY_MORE * check.n_against) or check.quality < _LEAST_QUALITY:
+            misfits = f"{check.n_against} do not fit, and " if check.n_against else ""
             refuted = refuted or (
                 f"{len(agreed)} agree, but of the {check.n_for + check.n_against} places that lie on the map there "
-                f"{check.n_against} do not fit, and on the whole {100 * check.quality:.0f} % of their points match "
+                f"{misfits}on the whole {100 * check.quality:.0f} % of their points match "
                 f"(at least {100 * _LEAST_QUALITY:.0f} %)"
             )
         elif best is None or check.quality > best[1].quality:

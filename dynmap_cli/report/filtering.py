@@ -25,8 +25,8 @@ def draw_filtered(final: OccupancyGrid, removed_m: F64) -> Image.Image:
     row, col = final.frame.to_cells(removed_m).T
     inside = (row >= 0) & (row < final.frame.rows) & (col >= 0) & (col < final.frame.cols)
     cells[row[inside], col[inside]] = OCCUPIED
-    every_end = MapPicture(OccupancyGrid(final.frame, cells), *_PANEL_PIXELS).draw(nothing, nothing, ())
-    filtered = MapPicture(final, *_PANEL_PIXELS).draw(removed_m, nothing, ())
+    every_end = MapPicture(OccupancyGrid(final.frame, cells), *_PANEL_PIXELS).draw(nothing, (), ())
+    filtered = MapPicture(final, *_PANEL_PIXELS).draw(removed_m, (), ())
     return side_by_side(
         (("every end point", every_end), (f"filtered, {removed_m.shape[0]} beams removed", filtered))
     )
@@ -36,13 +36,12 @@ def draw_rounds_of_map(
     titled: Sequence[tuple[str, OccupancyGrid]], final: OccupancyGrid, curves_png: bytes
 ) -> Image.Image:
     """Draw maps in which cells are coloured that the final map does not have, above the curves of em.csv."""
-    nothing = np.empty((0, 2))
     *grids, last = _in_one_frame((*(grid for _, grid in titled), final))
     walls = ndimage.binary_dilation(last.cells == OCCUPIED, _NEAR)
     panels = []
     for (title, _), grid in zip(titled, grids, strict=True):
         extra = np.argwhere((grid.cells == OCCUPIED) & ~walls)
-        picture = MapPicture(grid, *_PANEL_PIXELS).draw(grid.frame.to_points(extra), nothing, ())
+        picture = MapPicture(grid, *_PANEL_PIXELS).draw(grid.frame.to_points(extra), (), ())
         panels.append((f"{title}: {extra.shape[0]} cell{'s' * (extra.shape[0] != 1)} too many", picture))
     maps, curves = side_by_side(panels), Image.open(io.BytesIO(curves_png)).convert("RGB")
     sheet = Image.new(

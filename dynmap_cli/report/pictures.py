@@ -43,14 +43,15 @@ class MapPicture:
         self._pixels: U8 = np.flipud(colours).repeat(self._zoom, axis=0).repeat(self._zoom, axis=1)
         self._pixels_per_m = self._zoom / reduce / grid.frame.resolution_m
 
-    def draw(self, removed_m: F64, path_m: F64, submaps: Sequence[SubMap]) -> Image.Image:
-        """Put removed beams, path and numbered sub-maps on the map.
+    def draw(self, removed_m: F64, paths_m: Sequence[F64], submaps: Sequence[SubMap]) -> Image.Image:
+        """Put removed beams, paths and numbered sub-maps on the map.
 
         Parameters
         ----------
         removed_m : (n, 2) float64
             End points of the beams that were removed.
-        path_m : (m, 2) float64
+        paths_m : sequence of (m, 2) float64
+            Of each drive.
         submaps : sequence of SubMap
         """
         pixels = self._pixels.copy()
@@ -62,7 +63,7 @@ class MapPicture:
             pixels[y[inside], x[inside]] = _MOVED
         image = Image.fromarray(pixels)
         pen = ImageDraw.Draw(image)
-        if path_m.shape[0] > 1:
+        for path_m in paths_m:
             pen.line([tuple(point) for point in self._to_pixels(path_m).tolist()], fill=_PATH, width=2)
         for submap in submaps:
             self._draw_submap(pen, submap)

@@ -113,6 +113,7 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
     log = read_scan_log(context.scans_dir)
     is_removed = read_beams(folder / "beams.npz", (log.n_scans, log.n_beams)) < DYNAMIC_BELOW
     removed = end_points(log, poses, is_removed)
+    paths = [poses[log.drive_index == number, :2] for number in range(log.n_drives)]
     grid, _ = read_map(folder / "map.yaml")
     unfiltered, _ = read_map(folder / "unfiltered.yaml")
     curves = draw_rounds(_read_rounds(folder / "em.csv"))
@@ -122,7 +123,7 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
         + ("Red: areas that change, with their numbers." if submaps else "No area was seen in two states.")
     )
     return (
-        Picture("map.png", _png(MapPicture(grid).draw(removed, poses[:, :2], submaps)), caption),
+        Picture("map.png", _png(MapPicture(grid).draw(removed, paths, submaps)), caption),
         Picture(
             "dynamic.png",
             _png(draw_filtered(grid, removed)),

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from dynmap_cli.files.patch_archive import read_patches, read_visits
+from dynmap_cli.files.publishing import SWAPPED_IN
 from dynmap_cli.files.submaps import read_submaps
 from tests.cli.conftest import run_dynmap
 from tests.golden.test_threads import contents
@@ -98,16 +99,43 @@ def test_what_does_not_fit_changes_nothing(start, found, corridor, sample_logs, 
     assert contents(run_dir) == before
 
 
-def test_an_interrupted_update_is_done_when_it_is_asked_for_again(corridor, updated, logs, tmp_path):
-    """It stopped after the scans and what was known had taken their places."""
+@pytest.mark.parametrize("moved", ["nothing", "known", "scans", "map"])
+def test_an_update_that_was_killed_while_it_took_its_place_goes_on(moved, corridor, updated, logs, tmp_path):
+    """It was made to the end; then some files had been moved, and the manifest of one stage was gone."""
     run_dir = tmp_path / "run"
     shutil.copytree(corridor.run_dir, run_dir)
-    for folder in ("scans", "known"):
-        shutil.rmtree(run_dir / folder, ignore_errors=True)
-        shutil.copytree(updated / folder, run_dir / folder)
+    made = run_dir / SWAPPED_IN
+    shutil.copytree(updated, made)
+    (made / "scans" / "left_over.part").write_text("")
+    (run_dir / ".update.part").mkdir()
+    if moved == "known":
+        (made / "known").rename(run_dir / "known")
+    elif moved != "nothing":
+        (run_dir / moved / f"{'ingest' if moved == 'scans' else moved}.manifest.json").unlink()
+        for name in list((made / moved).iterdir())[:3]:
+            if not name.name.endswith(".manifest.json"):
+                name.replace(run_dir / moved / name.name)
     assert run_dynmap("update", run_dir, logs[1], "-q").exit_code == 0
     one, other = contents(run_dir), contents(updated)
+    assert sorted(one) == sorted(other)
     assert [name for name in other if one[name] != other[name]] == []
+
+
+def test_seed_and_settings_of_localize_stay(corridor, updated, tmp_path):
+    run_dir = tmp_path / "run"
+    shutil.copytree(updated, run_dir)
+    noted = yaml.safe_load((run_dir / "run.yaml").read_text())
+    noted["settings"]["seed"] = 7
+    noted["settings"]["localization"]["max_particles"] = 4321
+    (run_dir / "run.yaml").write_text(yaml.safe_dump(noted))
+    assert run_dynmap("edit", run_dir, "--name", "0", "door", "-q").exit_code == 0
+    settings = yaml.safe_load((run_dir / "run.yaml").read_text())["settings"]
+    assert settings["seed"] == 7
+    assert settings["localization"]["max_particles"] == 4321
+    (run_dir / "run.yaml").write_text("not: [a run")
+    result = run_dynmap("edit", run_dir, "--name", "0", "gate", "-q")
+    assert result.exit_code == 0
+    assert "run.yaml: cannot be read" in result.stderr
 
 
 def test_a_run_that_is_not_finished_is_refused(corridor, logs, tmp_path):

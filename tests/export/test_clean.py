@@ -24,7 +24,17 @@ from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.ingest.mcap_records import mcap_extras
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.written import ROS1, ROS2, SCAN, World, lone_file, write_bag1, write_bag2, write_mcap
+from tests.ingest.written import (
+    ROS1,
+    ROS2,
+    SCAN,
+    START_NS,
+    World,
+    lone_file,
+    write_bag1,
+    write_bag2,
+    write_mcap,
+)
 from tests.ingest.written_foxglove import write_foxglove
 
 KINDS = {
@@ -154,6 +164,21 @@ def test_labels_of_another_recording_are_refused(tmp_path):
             [other], tmp_path / "clean.mcap", labels, text=NO_TEXT, is_label=False, settings=IngestSettings()
         )
     assert not (tmp_path / "clean.mcap").exists()
+
+
+def test_drives_of_one_map_are_cleaned_one_by_one(tmp_path):
+    paths = [
+        write_mcap(tmp_path / name, World(start_ns=START_NS + day * 86_400 * 10**9), "ros2")
+        for day, name in enumerate(("monday.mcap", "tuesday.mcap"))
+    ]
+    log, _ = read_recordings(paths, IngestSettings())
+    labels, _ = labels_for(log)
+    options = {"text": NO_TEXT, "is_label": False, "settings": IngestSettings()}
+    with pytest.raises(ArtifactError, match=r"monday.mcap; tuesday.mcap: 2 drives, .* Clean each on its own"):
+        write_clean(paths, tmp_path / "both.mcap", labels, **options)
+    assert not (tmp_path / "both.mcap").exists()
+    done = write_clean(paths[1:], tmp_path / "clean.mcap", labels, **options)
+    assert sum(done.scans.values()) == World().n_scans
 
 
 def test_beams_on_a_known_state_are_told_from_others():

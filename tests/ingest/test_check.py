@@ -1,6 +1,7 @@
 """`dynmap check`: what is in a recording, what would be used, and whether `build` will work."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,7 +97,8 @@ def test_one_that_cannot_be_used_does_not_hide_the_others(tmp_path):
 
 
 def test_recordings_of_the_same_time_cannot_be_built_together(tmp_path):
-    paths = [write_bag1(tmp_path / name, LONG) for name in ("a.bag", "b.bag")]
+    later = replace(LONG, start_ns=LONG.start_ns + 10**9 * 3 // 2)
+    paths = [write_bag1(tmp_path / name, world) for name, world in (("a.bag", LONG), ("b.bag", later))]
     summary, result = found(*paths)
     assert result.exit_code == 4
     assert len(summary["drives"]) == 2

@@ -6,6 +6,7 @@ import pytest
 from dynmap_cli.config import Config
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log
+from dynmap_cli.ingest.merging import add_drives
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.stage import run
@@ -63,6 +64,27 @@ def test_a_restart_in_the_midst_of_three_recordings_splits_them_there(tmp_path):
     assert log.drive_of_recording.tolist() == [0, 0, 1]
 
 
+def test_recordings_without_a_date_come_in_the_order_given(tmp_path):
+    worlds = [World(start_ns=10**9, yaw_rad=0.0), World(start_ns=5 * 10**8, yaw_rad=0.1)]
+    log, report = read_recordings(list(reversed(parts(tmp_path, *worlds))), SETTINGS)
+    assert log.recordings == ("second.bag", "first.bag")
+    assert log.drive_of_recording.tolist() == [0, 1]
+    assert report.drives[1].why_apart.startswith("61 s after")
+    (warning,) = report.warnings
+    assert "first.bag: its stamps have no date" in warning
+    np.testing.assert_allclose(log.odometry, np.vstack([worlds[1].poses, worlds[0].poses]), atol=1e-12)
+    first, second = (read_recordings([tmp_path / name], SETTINGS)[0] for name in ("first.bag", "second.bag"))
+    added = add_drives(first, second)
+    assert added.recordings == ("first.bag", "second.bag")
+    assert added.drive_index.tolist() == [0] * 12 + [1] * 12
+    assert added.stamps_ns[12] - added.stamps_ns[11] == 61 * 10**9
+
+
+def test_a_recording_that_is_given_twice_is_refused(tmp_path):
+    with pytest.raises(LogError, match=r"the same recording\. Pass it once"):
+        read_recordings(parts(tmp_path, World(), World()), SETTINGS)
+
+
 def test_recordings_made_at_the_same_time_are_refused(tmp_path):
     second = World(start_ns=START_NS - 2 * 10**9, n_scans=40)
     with pytest.raises(LogError, match=r"they overlap in time by .* leave one of them out"):
@@ -96,7 +118,7 @@ def test_recordings_of_one_file_name_are_told_apart(tmp_path):
     for folder in ("monday", "tuesday"):
         (tmp_path / folder).mkdir()
         paths.append(write_bag1(tmp_path / folder / "log.bag", World(n_scans=40)))
-    with pytest.raises(LogError, match="overlap in time") as caught:
+    with pytest.raises(LogError, match="the same recording") as caught:
         read_recordings(paths, SETTINGS)
     assert all(str(path) in str(caught.value) for path in paths)
     assert read_recordings(paths[:1], SETTINGS)[0].recordings == ("log.bag",)

@@ -151,7 +151,7 @@ def test_a_map_of_any_size_fits_on_a_page():
         grid = OccupancyGrid(
             GridFrame(0.05, 0.0, 0.0, rows, cols), np.full((rows, cols), FREE, dtype=np.int8)
         )
-        image = MapPicture(grid).draw(nothing, nothing, ())
+        image = MapPicture(grid).draw(nothing, (), ())
         assert isinstance(image, Image.Image)
         assert max(image.size) <= 2400
 
@@ -159,7 +159,7 @@ def test_a_map_of_any_size_fits_on_a_page():
 def test_the_scale_stands_below_the_map():
     cells = np.full((200, 40), OCCUPIED, dtype=np.int8)
     grid = OccupancyGrid(GridFrame(0.05, 0.0, 0.0, *cells.shape), cells)
-    image = np.asarray(MapPicture(grid).draw(np.empty((0, 2)), np.empty((0, 2)), ()))
+    image = np.asarray(MapPicture(grid).draw(np.empty((0, 2)), (), ()))
     assert (image[: 200 * 8, : 40 * 8] == 32).all()
     below = image[200 * 8 :]
     assert (below == 32).any()
@@ -176,7 +176,7 @@ def test_the_colours_of_states_are_named():
 def test_a_removed_beam_is_orange_at_its_place():
     grid = small_grid()
     point = grid.frame.to_points(np.array([[40, 30]]))
-    image = np.asarray(MapPicture(grid).draw(point, np.empty((0, 2)), ()))
+    image = np.asarray(MapPicture(grid).draw(point, (), ()))
     zoom = 1700 // 80
     row, col = (80 - 40) * zoom - zoom // 2, 30 * zoom + zoom // 2
     assert (
