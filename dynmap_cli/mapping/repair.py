@@ -12,9 +12,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, are_companions
-from dynmap_cli.mapping.warnings import WRONG_MAP
 
 _ATTEMPTS, _SUSPECTS = 6, 4
+_REPAIR_FROM = 0.01
+"""Share of contradicting places from which on a repair is tried. Where a place changed, right maps have some, too; there
+nothing makes them fewer, and nothing is kept."""
 
 Solve = Callable[[Sequence[Loop], F64], F64]
 """Poses of the anchors (n_maps, 3) that loops lead to, from a start."""
@@ -44,11 +46,11 @@ def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], N
     """
     share, bad = search.contradictions(poses)
     for _ in range(_ATTEMPTS):
-        if share <= WRONG_MAP:
+        if share <= _REPAIR_FROM:
             break
         before = share
         poses, share, bad = _with_more(search, poses, share, bad, solve)
-        if share > WRONG_MAP:
+        if share > _REPAIR_FROM:
             poses, share, bad = _with_fewer(search, poses, share, bad, solve)
         if share >= before:
             break
