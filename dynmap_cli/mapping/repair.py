@@ -15,8 +15,8 @@ from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, are_companions
 
 _ATTEMPTS, _SUSPECTS = 6, 4
 _REPAIR_FROM = 0.01
-"""Share of contradicting places from which on a repair is tried. Where a place changed, right maps have some, too; there
-nothing makes them fewer, and nothing is kept."""
+"""Share of contradicting places from which on a repair is tried. Where a place changed, right maps have some, too;
+there nothing makes them fewer, and nothing is kept."""
 
 Solve = Callable[[Sequence[Loop], F64], F64]
 """Poses of the anchors (n_maps, 3) that loops lead to, from a start."""
