@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.arrays import B1, F64
 from dynmap_cli.counting.counts import Rays, rays_of
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops
-from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register, sweeps_of
+from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
 from dynmap_cli.mapping.wheel_faults import WheelFault, find_wheel_faults, suspicious_stops, without_steps
@@ -61,17 +61,16 @@ class Registrar:
         self._is_calibrated = False
         self._wrong_wheels: list[tuple[int, ...]] | None = None
 
-    def register(self, weights: F32 | None, label: str) -> tuple[Registered, Graph]:
+    def register(self, sweeps: Sweeps, label: str) -> tuple[Registered, Graph]:
         """Register all scans, with the beams weighted by e (Eq. 1.11), and close loops.
 
         Parameters
         ----------
-        weights : (n_scans, n_beams) float32 or None
-            In the order of the log.
+        sweeps : Sweeps
+            Of this drive.
         label : str
             For the progress bar.
         """
-        sweeps = sweeps_of(self.log, weights)
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
             self._is_calibrated = True

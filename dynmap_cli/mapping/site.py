@@ -15,7 +15,7 @@ from dynmap_cli.domain.poses import compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.mapping.back_end import Graph, Known, close_loops, refine_graph, spread_to_scans
-from dynmap_cli.mapping.front_end import Registered, Sweeps, sweeps_of
+from dynmap_cli.mapping.front_end import Registered, Sweeps, sweeps_of, times_of
 from dynmap_cli.mapping.local_maps import make_local_maps
 from dynmap_cli.mapping.loops import Loop, LoopParams
 from dynmap_cli.mapping.placing import Places, joined_places, near_pairs, place_drive
@@ -62,7 +62,7 @@ class Site:
         sweeps = sweeps_of(self.log, weights)
         is_first = self._front is None
         if self._front is None or self.graph is None or not _few_are_dynamic(weights):
-            self._front, self.graph = self._register(sweeps, weights, label)
+            self._front, self.graph = self._register(sweeps, label)
             # In the first of several rounds the next one fits the poses again.
             is_last = not is_first or self._settings.max_rounds == 1
         else:
@@ -75,17 +75,17 @@ class Site:
         poses[np.argsort(self.log.arrival_index, kind="stable")] = in_order
         return poses
 
-    def _register(self, sweeps: Sweeps, weights: F32 | None, label: str) -> tuple[Registered, Graph]:
+    def _register(self, sweeps: Sweeps, label: str) -> tuple[Registered, Graph]:
         """Register each drive, then join them."""
-        parts = []
-        for number, drive in enumerate(self.drives):
-            own = None if weights is None else weights[_rows_of(self.log, number)]
-            parts.append(drive.register(own, label))
+        parts = [
+            drive.register(self._own_sweeps(sweeps, number), label)
+            for number, drive in enumerate(self.drives)
+        ]
         self._take_beam_intervals()
         if len(parts) == 1:
             return parts[0]
         if self._site_from_drive is None:
-            self._site_from_drive = self._place(parts)
+            self._site_from_drive = self._place(sweeps, parts)
         front = _joined_fronts([front for front, _ in parts], self._site_from_drive)
         known = _known([graph for _, graph in parts], self._site_from_drive)
         graph = close_loops(sweeps, self._rays, front, LoopParams(), _log.debug, known)
@@ -104,7 +104,16 @@ class Site:
         # The log makes its columns read-only; the kernels keep one signature with a copy.
         self.log = replace(self.log, beam_interval_s=intervals.copy())
 
-    def _place(self, parts: Sequence[tuple[Registered, Graph]]) -> F64:
+    def _own_sweeps(self, sweeps: Sweeps, number: int) -> Sweeps:
+        """The sweeps of one drive; they are those of the whole log where there is no other."""
+        if len(self.drives) == 1:
+            return sweeps
+        part = sweeps.part(*np.searchsorted(sweeps.drive_index, (number, number + 1)).tolist())
+        return replace(
+            part, times_s=times_of(self.drives[number].log), drive_index=np.zeros_like(part.drive_index)
+        )
+
+    def _place(self, sweeps: Sweeps, parts: Sequence[tuple[Registered, Graph]]) -> F64:
         """(n_drives, 3) poses of the drives in the frame of the first.
 
         Raises
@@ -112,7 +121,9 @@ class Site:
         LogError
             If a drive does not fit.
         """
-        places = [self._places(number, *part) for number, part in enumerate(parts)]
+        places = [
+            self._places(self._own_sweeps(sweeps, number), number, *part) for number, part in enumerate(parts)
+        ]
         found: dict[int, F64] = {0: np.zeros(3)}
         waiting = [*range(1, len(parts))]
         evidence: dict[int, str] = {}
@@ -136,7 +147,7 @@ class Site:
                 raise LogError(msg)
         return np.array([found[number] for number in range(len(parts))])
 
-    def _places(self, number: int, front: Registered, graph: Graph) -> Places:
+    def _places(self, sweeps: Sweeps, number: int, front: Registered, graph: Graph) -> Places:
         """Local maps of one drive in its own frame."""
         drive = self.drives[number]
         if graph.anchors.size < _LEAST_PLACES:
@@ -146,7 +157,6 @@ class Site:
                 "rest on a single place. Leave it out, or build it on its own."
             )
             raise LogError(msg)
-        sweeps = sweeps_of(drive.log, None)
         maps = make_local_maps(sweeps, drive.rays, front.twists, graph.keys, graph.poses)
         return Places(maps, graph.poses[graph.anchors])
 
