@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.domain.poses import Trajectory, between, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
+from dynmap_cli.localization.found import HealthRow, Localization, StateRow
 from dynmap_cli.localization.global_start import given_start, global_start, is_usable, search_again
-from dynmap_cli.localization.health import NovelPlaces, Patience, ScanHealth, Verdict, scan_health
+from dynmap_cli.localization.health import NovelPlaces, Patience, Verdict, scan_health
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
 from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
@@ -34,75 +35,6 @@ from dynmap_cli.progress import Tick, no_tick
 
 WIDEST_SPREAD_M = 0.5
 """States are learned only while the particles agree this well on a place."""
-
-
-@dataclass(frozen=True, slots=True)
-class StateRow:
-    """Belief in the states of one sub-map after one scan.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    submap : int
-        Index in the pool.
-    belief : (n_states,) float64
-    """
-
-    stamp_ns: int
-    submap: int
-    belief: F64
-
-
-@dataclass(frozen=True, slots=True)
-class HealthRow:
-    """How one update went.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    health : ScanHealth
-    log_likelihood_per_beam : float
-        Of the ends at the best pose.
-    effective_particles : float
-    patch_entropy_bits : float
-        Of the states of all sub-maps in view, added up.
-    verdict : str
-        tracking, changed or lost.
-    """
-
-    stamp_ns: int
-    health: ScanHealth
-    log_likelihood_per_beam: float
-    effective_particles: float
-    patch_entropy_bits: float
-    verdict: str
-
-
-@dataclass(frozen=True, slots=True)
-class Localization:
-    """Where the robot was and what the world looked like.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-        One pose per scan.
-    states : list of StateRow
-    health : list of HealthRow
-        One per update.
-    searches : list of int
-        Stamps at which the robot was lost for so long that the whole map was searched for it.
-    clouds : list of (stamp_ns, Particles)
-        Weighted particles of every update; empty unless they are asked for.
-    warnings : list of str
-        What was left out, one sentence each.
-    """
-
-    trajectory: Trajectory
-    states: list[StateRow]
-    health: list[HealthRow]
-    searches: list[int]
-    clouds: list[tuple[int, Particles]]
-    warnings: list[str]
 
 
 def localize_log(

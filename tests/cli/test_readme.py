@@ -29,7 +29,7 @@ def test_every_file_of_a_run_is_in_the_table(corridor):
 def test_columns_and_exit_codes_are_as_documented():
     from dynmap_cli.errors import ArtifactError, ConfigError, LogError
     from dynmap_cli.files.manifest import FORMAT_VERSION
-    from dynmap_cli.localization.stage import HEALTH_HEADER, STATES_HEADER
+    from dynmap_cli.localization.outputs import HEALTH_HEADER, STATES_HEADER
 
     assert f"`{STATES_HEADER}`" in README
     assert f"`{HEALTH_HEADER}`" in README

@@ -12,8 +12,9 @@ from dynmap_cli.files.patch_archive import write_patches
 from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import write_scan_log
 from dynmap_cli.files.trajectory import read_tum
+from dynmap_cli.localization.outputs import HEALTH_HEADER, STATES_HEADER
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.stage import HEALTH_HEADER, STATES_HEADER, run
+from dynmap_cli.localization.stage import run
 from dynmap_cli.stage import StageContext
 from tests.localization.worlds import office, patch_sets_of, pose_errors, simulated
 

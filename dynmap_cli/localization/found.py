@@ -1,0 +1,79 @@
+"""What the filter finds along a recording: poses, states of the sub-maps in view, and the health of each update."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.domain.poses import Trajectory
+from dynmap_cli.localization.health import ScanHealth
+from dynmap_cli.localization.particle_filter import Particles
+
+
+@dataclass(frozen=True, slots=True)
+class StateRow:
+    """Belief in the states of one sub-map after one scan.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    submap : int
+        Index in the pool.
+    belief : (n_states,) float64
+    """
+
+    stamp_ns: int
+    submap: int
+    belief: F64
+
+
+@dataclass(frozen=True, slots=True)
+class HealthRow:
+    """How one update went.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    health : ScanHealth
+    log_likelihood_per_beam : float
+        Of the ends at the best pose.
+    effective_particles : float
+    patch_entropy_bits : float
+        Of the states of all sub-maps in view, added up.
+    verdict : str
+        tracking, changed or lost.
+    """
+
+    stamp_ns: int
+    health: ScanHealth
+    log_likelihood_per_beam: float
+    effective_particles: float
+    patch_entropy_bits: float
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True)
+class Localization:
+    """Where the robot was and what the world looked like.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        One pose per scan.
+    states : list of StateRow
+    health : list of HealthRow
+        One per update.
+    searches : list of int
+        Stamps at which the robot was lost for so long that the whole map was searched for it.
+    clouds : list of (stamp_ns, Particles)
+        Weighted particles of every update; empty unless they are asked for.
+    warnings : list of str
+        What was left out, one sentence each.
+    """
+
+    trajectory: Trajectory
+    states: list[StateRow]
+    health: list[HealthRow]
+    searches: list[int]
+    clouds: list[tuple[int, Particles]]
+    warnings: list[str]

@@ -1,0 +1,59 @@
+"""The files of a localization: states.csv, health.csv, particles.npz."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dynmap_cli.files.trajectory import format_stamp
+from dynmap_cli.localization.found import HealthRow, Localization, StateRow
+from dynmap_cli.localization.map_pool import MapPool
+
+STATES_HEADER = "stamp_s,submap,patch,probability"
+HEALTH_HEADER = (
+    "stamp_s,explained,explained_by_other_state,unexplained,log_likelihood_per_beam,"
+    "effective_particles,patch_entropy_bits,verdict"
+)
+
+
+def write_states(path: Path, rows: Sequence[StateRow], pool: MapPool) -> None:
+    """Write one line per scan, sub-map in view and state."""
+    lines = [STATES_HEADER]
+    for row in rows:
+        submap = pool.submaps[row.submap]
+        for patch_id, probability in zip(submap.patch_ids, row.belief.tolist(), strict=True):
+            lines.append(f"{format_stamp(row.stamp_ns)},{submap.submap_id},{patch_id},{probability:.6f}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def write_health(path: Path, rows: Sequence[HealthRow]) -> None:
+    """Write one line per update."""
+    lines = [HEALTH_HEADER]
+    for row in rows:
+        health = row.health
+        lines.append(
+            f"{format_stamp(row.stamp_ns)},{health.explained:.4f},{health.explained_by_other_state:.4f},"
+            f"{health.unexplained:.4f},{row.log_likelihood_per_beam:.4f},{row.effective_particles:.1f},"
+            f"{row.patch_entropy_bits:.4f},{row.verdict}"
+        )
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def write_particles(path: Path, found: Localization) -> None:
+    """Write the clouds of all updates, one after another.
+
+    `stamps_ns (n_updates,)`, `counts (n_updates,)`, and for all particles `poses (n, 3)` float32,
+    `weights (n,)` float32, `submaps (n,)` and `states (n,)` int16 (-1 = none).
+    """
+    clouds = [cloud for _, cloud in found.clouds]
+    np.savez_compressed(
+        path,
+        stamps_ns=np.array([stamp for stamp, _ in found.clouds], dtype=np.int64),
+        counts=np.array([cloud.count for cloud in clouds], dtype=np.int64),
+        poses=np.concatenate([np.empty((0, 3)), *(cloud.poses for cloud in clouds)]).astype(np.float32),
+        weights=np.concatenate([np.empty(0), *(cloud.weights for cloud in clouds)]).astype(np.float32),
+        submaps=np.concatenate([np.empty(0), *(cloud.submaps for cloud in clouds)]).astype(np.int16),
+        states=np.concatenate([np.empty(0), *(cloud.states for cloud in clouds)]).astype(np.int16),
+    )

@@ -1,0 +1,66 @@
+"""What a localization found, in numbers and in sentences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dynmap_cli.localization.found import Localization, StateRow
+from dynmap_cli.localization.map_pool import MapPool
+
+VERDICTS = ("tracking", "changed", "lost")
+SURE = 0.8
+"""A state counts as seen when its probability reaches this."""
+
+
+def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
+    """What was found, as numbers and as sentences."""
+    verdicts = Counter(row.verdict for row in found.health)
+    n_updates = max(len(found.health), 1)
+    n_scans = int(found.trajectory.stamps_ns.size)
+    shares = {verdict: verdicts[verdict] / n_updates for verdict in VERDICTS}
+    words = [f"{100 * shares['tracking']:.0f} % tracking"]
+    if verdicts["changed"]:
+        words.append(f"{100 * shares['changed']:.0f} % in changed surroundings")
+    words.append(f"{100 * shares['lost']:.0f} % lost" if verdicts["lost"] else "never lost")
+    if found.searches:
+        times = "once" if len(found.searches) == 1 else f"{len(found.searches)} times"
+        words.append(f"searched for in the whole map {times}")
+    first_ns = int(found.trajectory.stamps_ns[0]) if n_scans else 0
+    lines = [f"{n_scans} scans: {', '.join(words)}"]
+    lines += [
+        f"sub-map {pool.submaps[number].submap_id}: {history}"
+        for number in range(len(pool.submaps))
+        if (history := _history([row for row in found.states if row.submap == number], pool, first_ns))
+    ]
+    return {
+        "scans": n_scans,
+        "updates": len(found.health),
+        "path_m": round(found.trajectory.length_m(), 3),
+        **{verdict: round(share, 4) for verdict, share in shares.items()},
+        "searches": len(found.searches),
+        "submaps_seen": len({row.submap for row in found.states}),
+        "lines": lines,
+    }
+
+
+def _history(rows: Sequence[StateRow], pool: MapPool, first_ns: int) -> str:
+    """States of one sub-map in the order in which they were believed, with the times of the changes."""
+    words: list[str] = []
+    current = None
+    for row in rows:
+        state = int(np.argmax(row.belief))
+        if state == current or row.belief[state] < SURE:
+            continue
+        patch_id = pool.submaps[row.submap].patch_ids[state]
+        if current is None:
+            words.append(f"state {patch_id}")
+        else:
+            words.append(f"-> {patch_id}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
+        current = state
+    if current is None:
+        return "seen, its state stayed open" if rows else ""
+    return " ".join(words) + f" ({rows[-1].belief.max():.2f})"
