@@ -330,6 +330,7 @@ def fit_scans(
     n_beams = ranges_m.shape[1]
     end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
     points = np.empty((n_beams, 2), np.float32)
+    one = np.int64(1)  # a literal would compile the kernels that are called once more
     for s in range(scans.size):
         scan = scans[s]
         geometry = geometry_index[scan]
@@ -344,12 +345,12 @@ def fit_scans(
             end_points,
             beams,
         )
-        count = 0
+        count = np.int64(0)
         for k in range(n):
             if not weights[scan, beams[k]] < 0.5:
                 points[count, 0], points[count, 1] = end_points[k, 0], end_points[k, 1]
                 count += 1
         judged[s, RESIDUAL] = refine_local_map(
-            points, count, drawn_points, drawn_normals, index, field, poses[s], information[s], 1, 1
+            points, count, drawn_points, drawn_normals, index, field, poses[s], information[s], one, one
         )
-        judge_fit(points, count, drawn_points, drawn_normals, drawn_free, index, poses[s], 1, judged[s])
+        judge_fit(points, count, drawn_points, drawn_normals, drawn_free, index, poses[s], one, judged[s])

@@ -103,6 +103,7 @@ def register_scans(
     best, prior, trial = np.empty(3), np.empty(3), np.empty((3, 3))
     cell_m, sigma_m = numbers[CELL], numbers[SIGMA]
     capacity = ring.size
+    one = np.int64(1)  # a literal would compile the kernel that is called once more
     for scan in range(first, last):
         flags[scan] = 0
         # Prediction: odometry, or the motion of the step before.
@@ -241,7 +242,7 @@ def register_scans(
         if not is_key:
             continue
         flags[scan] |= KEY
-        insert_points(points, point_weights, count, poses[scan], 1, cell_m, sums, lines, stale, field)
+        insert_points(points, point_weights, count, poses[scan], one, cell_m, sums, lines, stale, field)
         ring[(state[0] + state[1]) % capacity] = scan
         state[1] += 1
         last_keys[laser_index[geometry]] = scan
@@ -268,6 +269,6 @@ def register_scans(
             for k in range(count):
                 e = float(weights[oldest, beams[k]])
                 point_weights[k] = 1.0 if math.isnan(e) else e
-            insert_points(points, point_weights, count, poses[oldest], -1, cell_m, sums, lines, stale, field)
+            insert_points(points, point_weights, count, poses[oldest], -one, cell_m, sums, lines, stale, field)
             state[0] = (state[0] + 1) % capacity
             state[1] -= 1
