@@ -330,7 +330,7 @@ def fit_scans(
     n_beams = ranges_m.shape[1]
     end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
     points = np.empty((n_beams, 2), np.float32)
-    one = np.int64(1)  # a literal would compile the kernels that are called once more
+    one = int(np.int64(1))  # a literal would compile the kernels that are called once more
     for s in range(scans.size):
         scan = scans[s]
         geometry = geometry_index[scan]
@@ -345,7 +345,7 @@ def fit_scans(
             end_points,
             beams,
         )
-        count = np.int64(0)
+        count = int(np.int64(0))
         for k in range(n):
             if not weights[scan, beams[k]] < 0.5:
                 points[count, 0], points[count, 1] = end_points[k, 0], end_points[k, 1]

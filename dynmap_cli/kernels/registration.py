@@ -103,7 +103,7 @@ def register_scans(
     best, prior, trial = np.empty(3), np.empty(3), np.empty((3, 3))
     cell_m, sigma_m = numbers[CELL], numbers[SIGMA]
     capacity = ring.size
-    one = np.int64(1)  # a literal would compile the kernel that is called once more
+    one = int(np.int64(1))  # a literal would compile the kernel that is called once more
     for scan in range(first, last):
         flags[scan] = 0
         # Prediction: odometry, or the motion of the step before.
@@ -269,6 +269,8 @@ def register_scans(
             for k in range(count):
                 e = float(weights[oldest, beams[k]])
                 point_weights[k] = 1.0 if math.isnan(e) else e
-            insert_points(points, point_weights, count, poses[oldest], -one, cell_m, sums, lines, stale, field)
+            insert_points(
+                points, point_weights, count, poses[oldest], -one, cell_m, sums, lines, stale, field
+            )
             state[0] = (state[0] + 1) % capacity
             state[1] -= 1
