@@ -28,6 +28,7 @@ _log = logging.getLogger(__name__)
 _FEW_DYNAMIC = 0.02
 _LEAST_PLACES = 2
 _PAIR_REACH_M, _N_PAIRS = 2.0, 12
+_SOON_S = 3600.0
 
 
 class Site:
@@ -142,7 +143,7 @@ class Site:
                 others = "; ".join(self._names(number) for number in found)
                 msg = (
                     f"{self._names(waiting[0])}: does not fit on the map of {others}: {evidence[waiting[0]]}. "
-                    "Leave it out, or build it on its own."
+                    f"Leave it out, or build it on its own{self._or_as_one_drive(waiting[0])}."
                 )
                 raise LogError(msg)
         return np.array([found[number] for number in range(len(parts))])
@@ -159,6 +160,18 @@ class Site:
             raise LogError(msg)
         maps = make_local_maps(sweeps, drive.rays, front.twists, graph.keys, graph.poses)
         return Places(maps, graph.poses[graph.anchors])
+
+    def _or_as_one_drive(self, number: int) -> str:
+        """What else can be done where a drive begins soon after another one whose odometry it may go on with."""
+        first_ns = self.drives[number].log.stamps_ns[0]
+        ends_ns = [drive.log.stamps_ns[-1] for drive in self.drives if drive.log.stamps_ns[-1] < first_ns]
+        pause_s = float(first_ns - max(ends_ns, default=0)) * 1e-9
+        if pause_s > _SOON_S:
+            return ""
+        return (
+            "; if its odometry goes on with that of the one before, set ingest.max_gap_s above "
+            f"{pause_s:.0f} to make them one drive"
+        )
 
     def _names(self, number: int) -> str:
         return ", ".join(self.log.recordings_of(number))
