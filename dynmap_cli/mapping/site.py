@@ -170,7 +170,7 @@ class Site:
             return ""
         return (
             "; if its odometry goes on with that of the one before, set ingest.max_gap_s above "
-            f"{pause_s:.0f} to make them one drive"
+            f"{np.ceil(pause_s):.0f} to make them one drive"
         )
 
     def _names(self, number: int) -> str:
