@@ -192,7 +192,7 @@ class _Tracker:
         log_likelihoods = scan_log_likelihoods(
             self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
         )
-        return reweigh(particles, temper(ends.shape[0], self._settings) * log_likelihoods)
+        return reweigh(particles, log_likelihoods, temper(ends.shape[0], self._settings))
 
     def _learn_states(
         self, particles: Particles, placed: PlacedSweep, stamp: int
