@@ -87,34 +87,36 @@ def multiply_weights(weights: F64, log_likelihoods: F64, exponent: float, out: F
 
 
 @kernel
-def slot_of(keys: I32, key: I32, mask: int, table: I32) -> int:
-    """Slot of a hash table that holds the number of an entry with this key, or the empty one (-1) for it.
+def is_same(keys: I32, one: int, other: int) -> bool:
+    """Whether two rows of keys (n, 5) are equal."""
+    return bool(
+        keys[one, 0] == keys[other, 0]
+        and keys[one, 1] == keys[other, 1]
+        and keys[one, 2] == keys[other, 2]
+        and keys[one, 3] == keys[other, 3]
+        and keys[one, 4] == keys[other, 4]
+    )
+
+
+@kernel
+def slot_of(keys: I32, entry: int, table: I32) -> int:
+    """Slot of a hash table that holds an entry with the same key as this one, or the empty one (-1) for it.
 
     Parameters
     ----------
     keys : (n, 5) int32
         Keys of the entries.
-    key : (5,) int32
-    mask : int
-        Size of the table, a power of two, minus one.
-    table : (mask + 1,) int32
+    entry : int
+    table : (power of two,) int32
         Index into *keys*, -1 = empty.
     """
     mixed = np.int64(0)
     for part in range(5):
-        mixed = (mixed * 1_000_003 + key[part]) & 0xFFFF_FFFF
+        mixed = (mixed * 1_000_003 + keys[entry, part]) & 0xFFFF_FFFF
         mixed ^= mixed >> 15
+    mask = table.size - 1
     slot = int(mixed) & mask
-    while table[slot] >= 0:
-        other = table[slot]
-        if (
-            keys[other, 0] == key[0]
-            and keys[other, 1] == key[1]
-            and keys[other, 2] == key[2]
-            and keys[other, 3] == key[3]
-            and keys[other, 4] == key[4]
-        ):
-            break
+    while table[slot] >= 0 and not is_same(keys, table[slot], entry):
         slot = (slot + 1) & mask
     return slot
 
@@ -143,7 +145,10 @@ def sort_into_bins(
         keys[k, 1] = np.int32(math.floor(poses[k, 1] / bin_m))
         keys[k, 2] = np.int32(math.floor(poses[k, 2] / bin_rad))
         keys[k, 3], keys[k, 4] = submaps[k], states[k]
-        slot = slot_of(keys, keys[k], table.size - 1, table)
+        if k > 0 and is_same(keys, k, k - 1):
+            out[k] = out[k - 1]
+            continue
+        slot = slot_of(keys, k, table)
         if table[slot] < 0:
             table[slot] = k
         out[k] = table[slot]

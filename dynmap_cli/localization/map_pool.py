@@ -13,6 +13,7 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.kernels.likelihood import own_cells
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
 
@@ -78,11 +79,11 @@ class SubMapStates:
 
     def cells_of(self, points_m: F64) -> tuple[I64, B1]:
         """Cell of the rectangle of each point (n, 2), clipped to it, and which points lie in an own cell."""
-        cells = self.frame.to_cells(points_m)
-        last = np.array(self.frame.shape) - 1
-        clipped = np.clip(cells, 0, last)
-        inside = (cells == clipped).all(axis=1) & self.owned[clipped[:, 0], clipped[:, 1]]
-        return clipped, np.asarray(inside)
+        n, frame = points_m.shape[0], self.frame
+        cells, inside = np.empty((n, 2), dtype=np.int64), np.empty(n, dtype=np.bool_)
+        cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
+        own_cells(points_m, cell, self.owned, cells, inside)
+        return cells, inside
 
     def windows(self) -> I32:
         """(n_states, 5) int32 rows for `field_log_likelihoods`."""

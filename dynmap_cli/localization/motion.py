@@ -87,6 +87,14 @@ def odometry_sigmas(
     )
 
 
+def step_between(before: F64, after: F64) -> F64:
+    """One pose (3,) seen from another, as `between` for many."""
+    cos, sin = math.cos(before[2]), math.sin(before[2])
+    dx, dy = float(after[0] - before[0]), float(after[1] - before[1])
+    turn = math.remainder(float(after[2] - before[2]), 2.0 * math.pi)
+    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, turn])
+
+
 def predicted_step(velocity: F64, seconds: float) -> F64:
     """How far the robot comes if it goes on as before; not further than in one second."""
     return velocity * min(max(seconds, 0.0), LONGEST_PREDICTION_S)
@@ -113,4 +121,4 @@ def updated_velocity(velocity: F64, before: F64, after: F64, weights: F64, secon
     step = np.empty(3)
     mean_step(before, after, weights, step)
     changed = velocity + (step - velocity * time_s) / (time_s + VELOCITY_MEMORY_S)
-    return np.clip(changed, -FASTEST, FASTEST)
+    return np.asarray(np.minimum(np.maximum(changed, -FASTEST), FASTEST))
