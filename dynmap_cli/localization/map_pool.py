@@ -113,6 +113,8 @@ class MapPool:
     surfaces : (rows, cols) uint8
         What blocks beams for good: the map without the rectangles.
     submaps : tuple of SubMapStates
+    log_pass : (n,) float32 or None
+        ln(1 - m) of each cell, laid out and painted as the pool; only for `sensor: beam`.
     """
 
     frame: GridFrame
@@ -122,15 +124,23 @@ class MapPool:
     explained: B1
     surfaces: U8
     submaps: tuple[SubMapStates, ...]
+    log_pass: F32 | None = None
 
     def paint(self, number: int, belief: F64) -> None:
         """Let the map show the mixture of the states of a sub-map under a belief (n_states,)."""
         submap = self.submaps[number]
-        field = self.pool[: self.frame.rows * self.frame.cols].reshape(self.frame.shape)
+        self._paint(self.pool, submap, np.tensordot(belief, submap.likelihoods, axes=1))
+        if self.log_pass is not None:
+            start, n_cells = int(submap.field_start[0]), submap.likelihoods.size
+            passes = np.exp(self.log_pass[start : start + n_cells]).reshape(submap.likelihoods.shape)
+            self._paint(self.log_pass, submap, np.tensordot(belief, passes, axes=1))
+
+    def _paint(self, pool: F32, submap: SubMapStates, mixture: F64) -> None:
+        """Write the logarithm of a mixture (rows, cols) into the field of the whole map."""
+        field = pool[: self.frame.rows * self.frame.cols].reshape(self.frame.shape)
         window = field[
             submap.row : submap.row + submap.frame.rows, submap.col : submap.col + submap.frame.cols
         ]
-        mixture = np.tensordot(belief, submap.likelihoods, axes=1)
         window[submap.owned] = np.log(mixture)[submap.owned].astype(np.float32)
 
 

@@ -13,6 +13,7 @@ from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.domain.poses import Trajectory, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
+from dynmap_cli.localization.beam_model import beam_scan_log_likelihoods
 from dynmap_cli.localization.found import HealthRow, Localization, StateRow
 from dynmap_cli.localization.global_start import (
     LEAST_RETURNS,
@@ -167,7 +168,7 @@ class _Tracker:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if settings.states == "sampled":
             particles = self._draw_states(particles, seconds)
-        particles = self._weigh(particles, ends, stamp)
+        particles = self._weigh(particles, sweep, ends, stamp)
         estimate = estimate_pose(particles)
         placed = place_sweep(sweep, estimate.pose)
         in_view: list[StateRow] = []
@@ -201,7 +202,7 @@ class _Tracker:
         )
         return replace(particles, submaps=submaps, states=states)
 
-    def _weigh(self, particles: Particles, ends: F64, stamp: int) -> Particles:
+    def _weigh(self, particles: Particles, sweep: Sweep, ends: F64, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
         windows = None
         if self._settings.states == "sampled":
@@ -210,23 +211,32 @@ class _Tracker:
             reach = self._settings.laser_max_range
             middle = particles.weights @ particles.poses[:, :2]
             self._world.show(self._world.near(middle, reach), stamp)
-        log_likelihoods = scan_log_likelihoods(
-            self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
-        )
-        return reweigh(particles, log_likelihoods, temper(ends.shape[0], self._settings))
+        n_beams = ends.shape[0]
+        if self._settings.sensor == "beam":
+            log_likelihoods, n_beams = beam_scan_log_likelihoods(
+                self._pool, particles.poses, sweep, self._settings, windows, self._executor
+            )
+        else:
+            log_likelihoods = scan_log_likelihoods(
+                self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
+            )
+        return reweigh(particles, log_likelihoods, temper(n_beams, self._settings))
 
     def _learn_states(
         self, particles: Particles, placed: PlacedSweep, stamp: int
     ) -> tuple[Particles, list[StateRow]]:
         """Weigh the states of all sub-maps in view by the scan at the best pose."""
         exponent = temper(placed.lengths_m.size, self._settings)
+        knows_passes = self._settings.sensor == "beam"
         rows = []
         for number in self._world.near(placed.sensor_m, self._settings.view_m):
             evidence = state_evidence(placed, self._pool, self._pool.submaps[number], self._settings)
             if evidence.n_beams < LEAST_BEAMS:
                 continue
             if self._settings.states == "sampled":
-                particles, belief = _weigh_states(particles, number, evidence, exponent)
+                particles, belief = _weigh_states(
+                    particles, number, evidence, 0.0 if knows_passes else exponent
+                )
             else:
                 prior = self._world.belief(number, stamp)
                 belief = update_belief(prior, exponent * evidence.log_likelihoods)
@@ -272,8 +282,8 @@ def _weigh_states(
 ) -> tuple[Particles, F64 | None]:
     """Weigh particles in one sub-map by the beams that went through what their state has solid.
 
-    The ends have weighed them already. Returns the particles and the share of each state, or None where
-    less than half of the weight is in the sub-map.
+    The ends have weighed them already, and under the beam model so have the passes: exponent 0. Returns
+    the particles and the share of each state, or None where less than half of the weight is in the sub-map.
     """
     here = particles.submaps == number
     if float(particles.weights[here].sum()) < 0.5:

@@ -7,6 +7,8 @@ import math
 
 import numpy as np
 
+from tests.reference.counting import plain_passes
+
 
 def plain_field_log_likelihood(fields, window, pose, ends):
     """Sum over beams of the field at the end cell; *fields* = (map field, patch field or None).
@@ -24,6 +26,31 @@ def plain_field_log_likelihood(fields, window, pose, ends):
             total += float(patch[own_row, own_col])
         else:
             total += float(whole[row, col])
+    return total
+
+
+def plain_beam_log_likelihood(reflectance, pose, sensor, beams, z_hit, floor, static_prior, outside):
+    """Eq. 1.1 with lengths, beam by beam and cell by cell, summed over its two cases of c.
+
+    *reflectance* of a cell (row, col), *outside* that of what is not in it, where there are no cells; *pose*
+    in cells; *sensor* in the robot frame, cells; *beams* = (direction, length in cells, zeta: nothing was hit).
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x0, y0 = pose[0] + c * sensor[0] - s * sensor[1], pose[1] + s * sensor[0] + c * sensor[1]
+    total = 0.0
+    for direction, length, zeta in beams:
+        x1, y1 = x0 + length * math.cos(pose[2] + direction), y0 + length * math.sin(pose[2] + direction)
+        ways = {cell: way for cell, way in plain_passes(x0, y0, x1, y1).items() if cell in reflectance}
+        passed = math.prod((1 - reflectance[cell]) ** way for cell, way in ways.items())
+        m = reflectance.get((math.floor(y1), math.floor(x1)))
+        if m is None:
+            passed *= (1 - outside) ** (length - sum(ways.values()))
+            m = outside
+        likelihood = {
+            case: passed**zeta * ((m**case * (1 - m) ** (1 - case)) * passed) ** (1 - zeta) for case in (0, 1)
+        }
+        mixture = static_prior * likelihood[1] + (1 - static_prior) * likelihood[0]
+        total += math.log(z_hit * mixture + floor)
     return total
 
 
