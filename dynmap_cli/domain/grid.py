@@ -42,9 +42,11 @@ class GridFrame:
 
     def to_cells(self, points_m: F64) -> I64:
         """(..., 2) points in the map frame -> (..., 2) row, col; may lie outside the grid."""
-        col = np.floor((points_m[..., 0] - self.origin_x_m) / self.resolution_m)
-        row = np.floor((points_m[..., 1] - self.origin_y_m) / self.resolution_m)
-        return np.stack([row, col], axis=-1).astype(np.int64)
+        cells = np.empty(points_m.shape)
+        np.subtract(points_m[..., 1], self.origin_y_m, out=cells[..., 0])
+        np.subtract(points_m[..., 0], self.origin_x_m, out=cells[..., 1])
+        cells /= self.resolution_m
+        return np.floor(cells, out=cells).astype(np.int64)
 
     def to_points(self, cells: I64) -> F64:
         """(..., 2) row, col -> (..., 2) x, y of the cell centres."""

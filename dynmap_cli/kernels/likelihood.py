@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I32, U8
+from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.kernels.jit import kernel
 
 
@@ -15,7 +15,8 @@ def field_log_likelihoods(
     pool: F32,
     rows: int,
     cols: int,
-    poses_cells: F64,
+    cell: F64,
+    poses: F64,
     ends_cells: F32,
     windows: I32,
     index: I32,
@@ -33,13 +34,15 @@ def field_log_likelihoods(
         Logarithm of the likelihood of an end in each cell; row-major fields, one after another.
     rows, cols : int
         Size of the map's field.
-    poses_cells : (n_poses, 3) float64
-        Column and row coordinate of the robot in the map's field, in cells, and yaw in radians.
+    cell : (3,) float64
+        x and y of the lower left corner of the map's field, and the edge of a cell, in metres.
+    poses : (n_poses, 3) float64
+        map_from_robot, metres and radians.
     ends_cells : (2, n_beams) float32
         x and y of the ends in the robot frame, in cells.
-    windows : (n_poses, 5) int32
+    windows : (n_poses or 1, 5) int32
         First row, first column, rows and columns of each pose's patch, and where its field starts in the
-        pool; rows 0 = none.
+        pool; rows 0 = none. One row stands for all poses.
     index : (n_beams,) int32
         Scratch.
     out : (n_poses,) float64
@@ -49,10 +52,12 @@ def field_log_likelihoods(
     fours = n_beams // 4 * 4
     width, zero = np.int32(cols), np.float32(0.0)
     last_col, last_row = np.float32(cols - 1), np.float32(rows - 1)
-    for pose in range(poses_cells.shape[0]):
-        x0, y0 = np.float32(poses_cells[pose, 0]), np.float32(poses_cells[pose, 1])
-        cos, sin = np.float32(math.cos(poses_cells[pose, 2])), np.float32(math.sin(poses_cells[pose, 2]))
-        patch_rows, patch_cols = windows[pose, 2], windows[pose, 3]
+    for pose in range(poses.shape[0]):
+        x0 = np.float32((poses[pose, 0] - cell[0]) / cell[2])
+        y0 = np.float32((poses[pose, 1] - cell[1]) / cell[2])
+        cos, sin = np.float32(math.cos(poses[pose, 2])), np.float32(math.sin(poses[pose, 2]))
+        own = min(pose, windows.shape[0] - 1)
+        patch_rows, patch_cols = windows[own, 2], windows[own, 3]
         if patch_rows == 0:
             for beam in range(n_beams):
                 x = x0 + cos * ends_cells[0, beam] - sin * ends_cells[1, beam]
@@ -60,7 +65,7 @@ def field_log_likelihoods(
                 row = np.int32(min(max(y, zero), last_row))
                 index[beam] = row * width + np.int32(min(max(x, zero), last_col))
         else:
-            first_row, first_col, start = windows[pose, 0], windows[pose, 1], windows[pose, 4]
+            first_row, first_col, start = windows[own, 0], windows[own, 1], windows[own, 4]
             for beam in range(n_beams):
                 x = x0 + cos * ends_cells[0, beam] - sin * ends_cells[1, beam]
                 y = y0 + sin * ends_cells[0, beam] + cos * ends_cells[1, beam]
@@ -68,8 +73,8 @@ def field_log_likelihoods(
                 col = np.int32(min(max(x, zero), last_col))
                 own_row, own_col = np.int32(row - first_row), np.int32(col - first_col)
                 inside = (own_row >= 0) & (own_row < patch_rows) & (own_col >= 0) & (own_col < patch_cols)
-                own = np.int32(start + own_row * patch_cols + own_col)
-                index[beam] = own if inside else np.int32(row * width + col)
+                in_patch = np.int32(start + own_row * patch_cols + own_col)
+                index[beam] = in_patch if inside else np.int32(row * width + col)
         sum_0 = sum_1 = sum_2 = sum_3 = 0.0
         for beam in range(0, fours, 4):
             sum_0 += pool[np.uint32(index[beam])]
@@ -79,6 +84,30 @@ def field_log_likelihoods(
         for beam in range(fours, n_beams):
             sum_0 += pool[np.uint32(index[beam])]
         out[pose] = (sum_0 + sum_1) + (sum_2 + sum_3)
+
+
+@kernel
+def own_cells(points_m: F64, cell: F64, owned: B1, cells: I64, inside: B1) -> None:
+    """Write the cell of a grid that each point lies in, clipped to the grid, and whether it is an own cell.
+
+    Parameters
+    ----------
+    points_m : (n, 2) float64
+    cell : (3,) float64
+        x and y of the grid's lower left corner, and the edge of a cell, in metres.
+    owned : (rows, cols) bool
+    cells : (n, 2) int64
+        Row and column.
+    inside : (n,) bool
+    """
+    rows, cols = owned.shape
+    for k in range(points_m.shape[0]):
+        col = math.floor((points_m[k, 0] - cell[0]) / cell[2])
+        row = math.floor((points_m[k, 1] - cell[1]) / cell[2])
+        is_in = 0 <= row < rows and 0 <= col < cols
+        cells[k, 0] = min(max(row, 0), rows - 1)
+        cells[k, 1] = min(max(col, 0), cols - 1)
+        inside[k] = is_in and owned[cells[k, 0], cells[k, 1]]
 
 
 @kernel

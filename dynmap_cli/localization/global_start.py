@@ -47,8 +47,7 @@ class Candidates:
 
 def is_usable(log: ScanLog, scan: int, settings: LocalizationSettings) -> bool:
     """Whether a scan has enough returns to say where it was made."""
-    sweep = sweep_of(log, scan, settings.laser_max_range)
-    return int(np.isfinite(sweep.ranges_m).sum()) >= LEAST_RETURNS
+    return sweep_of(log, scan, settings.laser_max_range).n_returns >= LEAST_RETURNS
 
 
 def global_start(

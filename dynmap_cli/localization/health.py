@@ -151,7 +151,7 @@ class Patience:
 
 def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tuple[B1, B1]:
     """Which ends lie near something in the likeliest states, and which only in other states."""
-    cells = np.clip(pool.frame.to_cells(ends_m), 0, np.array(pool.frame.shape) - 1)
+    cells = np.minimum(np.maximum(pool.frame.to_cells(ends_m), 0), np.array(pool.frame.shape) - 1)
     now = pool.explained[cells[:, 0], cells[:, 1]]
     other = np.zeros(now.shape, dtype=np.bool_)
     for number, state in likeliest.items():

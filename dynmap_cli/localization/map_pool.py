@@ -13,6 +13,7 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.kernels.likelihood import own_cells
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
 
@@ -78,11 +79,11 @@ class SubMapStates:
 
     def cells_of(self, points_m: F64) -> tuple[I64, B1]:
         """Cell of the rectangle of each point (n, 2), clipped to it, and which points lie in an own cell."""
-        cells = self.frame.to_cells(points_m)
-        last = np.array(self.frame.shape) - 1
-        clipped = np.clip(cells, 0, last)
-        inside = (cells == clipped).all(axis=1) & self.owned[clipped[:, 0], clipped[:, 1]]
-        return clipped, np.asarray(inside)
+        n, frame = points_m.shape[0], self.frame
+        cells, inside = np.empty((n, 2), dtype=np.int64), np.empty(n, dtype=np.bool_)
+        cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
+        own_cells(points_m, cell, self.owned, cells, inside)
+        return cells, inside
 
     def windows(self) -> I32:
         """(n_states, 5) int32 rows for `field_log_likelihoods`."""
@@ -112,6 +113,8 @@ class MapPool:
     surfaces : (rows, cols) uint8
         What blocks beams for good: the map without the rectangles.
     submaps : tuple of SubMapStates
+    log_pass : (n,) float32 or None
+        ln(1 - m) of each cell, laid out and painted as the pool; only for `sensor: beam`.
     """
 
     frame: GridFrame
@@ -121,15 +124,23 @@ class MapPool:
     explained: B1
     surfaces: U8
     submaps: tuple[SubMapStates, ...]
+    log_pass: F32 | None = None
 
     def paint(self, number: int, belief: F64) -> None:
         """Let the map show the mixture of the states of a sub-map under a belief (n_states,)."""
         submap = self.submaps[number]
-        field = self.pool[: self.frame.rows * self.frame.cols].reshape(self.frame.shape)
+        self._paint(self.pool, submap, np.tensordot(belief, submap.likelihoods, axes=1))
+        if self.log_pass is not None:
+            start, n_cells = int(submap.field_start[0]), submap.likelihoods.size
+            passes = np.exp(self.log_pass[start : start + n_cells]).reshape(submap.likelihoods.shape)
+            self._paint(self.log_pass, submap, np.tensordot(belief, passes, axes=1))
+
+    def _paint(self, pool: F32, submap: SubMapStates, mixture: F64) -> None:
+        """Write the logarithm of a mixture (rows, cols) into the field of the whole map."""
+        field = pool[: self.frame.rows * self.frame.cols].reshape(self.frame.shape)
         window = field[
             submap.row : submap.row + submap.frame.rows, submap.col : submap.col + submap.frame.cols
         ]
-        mixture = np.tensordot(belief, submap.likelihoods, axes=1)
         window[submap.owned] = np.log(mixture)[submap.owned].astype(np.float32)
 
 

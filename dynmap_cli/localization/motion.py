@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.domain.poses import between, compose, wrap_angle
+from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.kernels.particles import mean_step, move_poses
 from dynmap_cli.localization.settings import LocalizationSettings
 
 SHORTEST_STEP_M = 0.01
@@ -37,17 +39,60 @@ class Motion:
 def sample_motion(
     poses: F64, motion: Motion, settings: LocalizationSettings, random: np.random.Generator
 ) -> F64:
-    """Move each pose (n, 3) by the step and noise of its own."""
-    noise = random.standard_normal((3, poses.shape[0]))
+    """Move each pose (n, 3) by the step and noise of its own.
+
+    The drift of every update has no direction, so it is added to the noise along and across the way.
+    """
+    step, drift_m, drift_rad = motion.step, settings.drift_sigma_m, settings.drift_sigma_rad
+    first, length, last = turn_drive_turn(step, SHORTEST_STEP_M if motion.measured else 0.0)
     if motion.measured:
-        moved = _by_odometry(poses, motion.step, noise, settings)
+        sigmas = odometry_sigmas(first, length, last, settings)
     else:
-        moved = _by_prediction(poses, motion.step, noise, settings)
-    drift = random.standard_normal((3, poses.shape[0]))
-    moved[:, 0] += settings.drift_sigma_m * drift[0]
-    moved[:, 1] += settings.drift_sigma_m * drift[1]
-    moved[:, 2] = wrap_angle(moved[:, 2] + settings.drift_sigma_rad * drift[2])
-    return moved
+        sigma_m = settings.prediction_sigma_m + SHARE_OF_STEP * length
+        sigma_rad = settings.prediction_sigma_rad + SHARE_OF_STEP * abs(float(step[2]))
+        sigmas = 0.0, sigma_m, sigma_m, sigma_rad
+    all_sigmas = np.hypot(sigmas, (0.0, drift_m, drift_m, drift_rad))
+    noise = random.standard_normal((4, poses.shape[0]))
+    out = np.empty(poses.shape)
+    move_poses(np.ascontiguousarray(poses), np.array([first, last]), length, all_sigmas, noise, out)
+    return out
+
+
+def turn_drive_turn(step: F64, shortest_m: float) -> tuple[float, float, float]:
+    """The step as a turn towards where it leads, a way in metres, and a turn to the final yaw.
+
+    A way below *shortest_m* has no direction: it leads ahead.
+    """
+    length = math.hypot(step[0], step[1])
+    first = math.atan2(step[1], step[0]) if length >= shortest_m else 0.0
+    return first, length, float(wrap_angle(np.asarray(step[2] - first)))
+
+
+def odometry_sigmas(
+    first: float, length: float, last: float, settings: LocalizationSettings
+) -> tuple[float, float, float, float]:
+    """Noise of the first turn, along and across the way, and of the last turn.
+
+    Thrun et al., Probabilistic Robotics, table 5.6, as in AMCL: a robot that drives backwards does not
+    turn by 180 degrees, so the angle to the nearer of the two directions makes the noise.
+    """
+    first_noise = min(abs(first), abs(abs(first) - math.pi))
+    last_noise = min(abs(last), abs(abs(last) - math.pi))
+    from_way = settings.alpha2 * length**2
+    return (
+        math.sqrt(settings.alpha1 * first_noise**2 + from_way),
+        math.sqrt(settings.alpha3 * length**2 + settings.alpha4 * (first_noise**2 + last_noise**2)),
+        0.0,
+        math.sqrt(settings.alpha1 * last_noise**2 + from_way),
+    )
+
+
+def step_between(before: F64, after: F64) -> F64:
+    """One pose (3,) seen from another, as `between` for many."""
+    cos, sin = math.cos(before[2]), math.sin(before[2])
+    dx, dy = float(after[0] - before[0]), float(after[1] - before[1])
+    turn = math.remainder(float(after[2] - before[2]), 2.0 * math.pi)
+    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, turn])
 
 
 def predicted_step(velocity: F64, seconds: float) -> F64:
@@ -73,40 +118,7 @@ def updated_velocity(velocity: F64, before: F64, after: F64, weights: F64, secon
         Time of the step.
     """
     time_s = min(max(seconds, 0.0), LONGEST_PREDICTION_S)
-    step = weights @ between(before, after)
+    step = np.empty(3)
+    mean_step(before, after, weights, step)
     changed = velocity + (step - velocity * time_s) / (time_s + VELOCITY_MEMORY_S)
-    return np.clip(changed, -FASTEST, FASTEST)
-
-
-def _by_odometry(poses: F64, step: F64, noise: F64, settings: LocalizationSettings) -> F64:
-    """Turn, drive, turn (Thrun et al., Probabilistic Robotics, table 5.6, as in AMCL).
-
-    A robot that drives backwards does not turn by 180 degrees: the angle to the nearer of the two
-    directions makes the noise.
-    """
-    length = float(np.hypot(step[0], step[1]))
-    first = float(np.arctan2(step[1], step[0])) if length >= SHORTEST_STEP_M else 0.0
-    last = float(wrap_angle(np.asarray(step[2] - first)))
-    first_noise = min(abs(first), abs(abs(first) - np.pi))
-    last_noise = min(abs(last), abs(abs(last) - np.pi))
-    sigma_first = np.sqrt(settings.alpha1 * first_noise**2 + settings.alpha2 * length**2)
-    sigma_length = np.sqrt(settings.alpha3 * length**2 + settings.alpha4 * (first_noise**2 + last_noise**2))
-    sigma_last = np.sqrt(settings.alpha1 * last_noise**2 + settings.alpha2 * length**2)
-    turned = poses[:, 2] + first - sigma_first * noise[0]
-    driven = length - sigma_length * noise[1]
-    return np.stack(
-        [
-            poses[:, 0] + driven * np.cos(turned),
-            poses[:, 1] + driven * np.sin(turned),
-            wrap_angle(turned + last - sigma_last * noise[2]),
-        ],
-        axis=-1,
-    )
-
-
-def _by_prediction(poses: F64, step: F64, noise: F64, settings: LocalizationSettings) -> F64:
-    """Go on as before: the last step again, with room for what may have changed since."""
-    sigma_m = settings.prediction_sigma_m + SHARE_OF_STEP * float(np.hypot(step[0], step[1]))
-    sigma_rad = settings.prediction_sigma_rad + SHARE_OF_STEP * abs(float(step[2]))
-    steps = step + np.stack([sigma_m * noise[0], sigma_m * noise[1], sigma_rad * noise[2]], axis=-1)
-    return compose(poses, steps)
+    return np.asarray(np.minimum(np.maximum(changed, -FASTEST), FASTEST))

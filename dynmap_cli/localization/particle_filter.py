@@ -7,8 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64, I32, I64
-from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.kernels.particles import (
+    count_bins,
+    draw_low_variance,
+    heaviest_cluster,
+    multiply_weights,
+    sort_into_bins,
+)
 from dynmap_cli.localization.settings import LocalizationSettings
 
 BIN_M, BIN_RAD = 0.5, math.radians(10.0)
@@ -78,12 +84,11 @@ def make_particles(poses: F64) -> Particles:
     return Particles(poses, np.full(n, 1.0 / n), none, none)
 
 
-def reweigh(particles: Particles, log_likelihoods: F64) -> Particles:
-    """Multiply weights by likelihoods given as logarithms, and normalize."""
-    with np.errstate(divide="ignore"):
-        logs = np.log(particles.weights) + log_likelihoods
-    weights = np.exp(logs - logs.max())
-    return replace(particles, weights=weights / weights.sum())
+def reweigh(particles: Particles, log_likelihoods: F64, exponent: float = 1.0) -> Particles:
+    """Multiply weights by likelihoods, given as logarithms, to the power of *exponent*, and normalize."""
+    weights = np.empty(particles.count)
+    multiply_weights(particles.weights, log_likelihoods, exponent, weights)
+    return replace(particles, weights=weights)
 
 
 def resample(particles: Particles, settings: LocalizationSettings, random: np.random.Generator) -> Particles:
@@ -92,24 +97,32 @@ def resample(particles: Particles, settings: LocalizationSettings, random: np.ra
     Fox (2003): the number depends on how many bins of 0.5 m, 10 degrees and state the samples occupy.
     """
     drawn = low_variance_draw(particles.weights, particles.count, random.random())
-    bins = np.unique(_bins(particles)[drawn]).size
-    wanted = min(max(kld_count(bins, settings), settings.min_particles), settings.max_particles)
+    bins = bins_of(particles.poses, particles.submaps, particles.states)
+    n_bins = count_bins(bins, drawn, np.empty(particles.count, dtype=np.int32))
+    wanted = min(max(kld_count(n_bins, settings), settings.min_particles), settings.max_particles)
     drawn = low_variance_draw(particles.weights, wanted, random.random())
     return Particles(
-        particles.poses[drawn],
+        particles.poses.take(drawn, axis=0),
         np.full(wanted, 1.0 / wanted),
-        particles.submaps[drawn],
-        particles.states[drawn],
+        particles.submaps.take(drawn),
+        particles.states.take(drawn),
     )
 
 
 def low_variance_draw(weights: F64, count: int, offset: float) -> I64:
     """Indices of *count* draws: one comb with equal gaps, shifted by *offset* in [0, 1)."""
-    sums = np.cumsum(weights)
-    teeth = (np.arange(count) + offset) / count * sums[-1]
-    return np.asarray(
-        np.minimum(np.searchsorted(sums, teeth, side="right"), weights.size - 1), dtype=np.int64
-    )
+    drawn = np.empty(count, dtype=np.int64)
+    draw_low_variance(weights, count, offset, drawn)
+    return drawn
+
+
+def bins_of(poses: F64, submaps: I32, states: I32) -> I32:
+    """(n,) for each particle the first one that lies in the same bin of place, yaw, sub-map and state."""
+    n = poses.shape[0]
+    keys, table = np.empty((n, 5), dtype=np.int32), np.empty(2 << n.bit_length(), dtype=np.int32)
+    bins = np.empty(n, dtype=np.int32)
+    sort_into_bins(poses, submaps, states, BIN_M, BIN_RAD, keys, table, bins)
+    return bins
 
 
 def kld_count(bins: int, settings: LocalizationSettings) -> int:
@@ -122,47 +135,8 @@ def kld_count(bins: int, settings: LocalizationSettings) -> int:
 
 def estimate_pose(particles: Particles) -> Estimate:
     """Weighted mean of the particles around the heaviest place."""
-    _, inverse = np.unique(_places(particles.poses), return_inverse=True)
-    heaviest = int(np.argmax(np.bincount(inverse, weights=particles.weights)))
-    pose = _mean_pose(particles, inverse == heaviest)
-    members = np.ones(particles.count, dtype=np.bool_)
-    for _ in range(3):
-        members = _members(particles.poses, pose)
-        pose = _mean_pose(particles, members)
-    away = np.square(particles.poses[:, :2] - pose[:2]).sum(axis=1)
-    return Estimate(
-        pose=pose,
-        share=float(particles.weights[members].sum()),
-        spread_m=math.sqrt(float(particles.weights @ away)),
-    )
-
-
-def _members(poses: F64, pose: F64) -> B1:
-    """Which poses belong to the cluster around a pose."""
-    near = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) <= CLUSTER_M
-    return np.asarray(near & (np.abs(wrap_angle(poses[:, 2] - pose[2])) <= CLUSTER_RAD))
-
-
-def _mean_pose(particles: Particles, members: B1) -> F64:
-    """Weighted mean of some particles, in yaw on the circle."""
-    weights = particles.weights[members]
-    total = max(float(weights.sum()), 1e-300)
-    x, y, yaw = particles.poses[members].T
-    mean_yaw = math.atan2(float(weights @ np.sin(yaw)), float(weights @ np.cos(yaw)))
-    return np.array([float(weights @ x) / total, float(weights @ y) / total, mean_yaw])
-
-
-def _places(poses: F64) -> I64:
-    """(n,) one number for the bin of place and yaw that each pose lies in."""
-    bins = np.floor(poses / (BIN_M, BIN_M, BIN_RAD)).astype(np.int64)
-    bins -= bins.min(axis=0)
-    _, n_y, n_yaw = (bins.max(axis=0) + 1).tolist()
-    return np.asarray((bins[:, 0] * n_y + bins[:, 1]) * n_yaw + bins[:, 2])
-
-
-def _bins(particles: Particles) -> I64:
-    """(n,) one number for the bin of place, yaw, sub-map and state of each particle."""
-    n_submaps = int(particles.submaps.max()) + 2
-    n_states = int(particles.states.max()) + 2
-    place = _places(particles.poses)
-    return np.asarray((place * n_submaps + particles.submaps + 1) * n_states + particles.states + 1)
+    n, found = particles.count, np.empty(5)
+    nowhere = np.zeros(n, dtype=np.int32)
+    bins = bins_of(particles.poses, nowhere, nowhere)
+    heaviest_cluster(particles.poses, particles.weights, bins, np.empty(n), CLUSTER_M, CLUSTER_RAD, found)
+    return Estimate(pose=found[:3], share=float(found[3]), spread_m=float(found[4]))

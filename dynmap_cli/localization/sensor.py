@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from dynmap_cli.kernels.likelihood import field_log_likelihoods
 from dynmap_cli.localization.settings import LocalizationSettings
 
 POSES_PER_CHUNK = 50_000
+NO_WINDOW = np.zeros((1, 5), dtype=np.int32)
+"""All poses read from the map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +41,20 @@ class Sweep:
     ranges_m: F64
     reach_m: float
 
+    @property
+    def n_returns(self) -> int:
+        """How many beams hit something."""
+        return int(np.count_nonzero(np.isfinite(self.ranges_m)))
+
     def ends_m(self, beams: B1 | I64) -> F64:
         """(m, 2) end points of some beams, which must have hit something, in the robot frame."""
         angles = self.directions_rad[beams]
-        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        return np.asarray(self.sensor + self.ranges_m[beams, None] * directions)
+        ends = np.empty((angles.size, 2))
+        np.cos(angles, out=ends[:, 0])
+        np.sin(angles, out=ends[:, 1])
+        ends *= self.ranges_m[beams, None]
+        ends += self.sensor
+        return ends
 
 
 def sweep_of(log: ScanLog, scan: int, max_range_m: float) -> Sweep:
@@ -60,8 +72,13 @@ def pose_ends(sweep: Sweep, max_beams: int) -> F64:
     """(n, 2) ends of at most *max_beams* beams with a return, evenly spread, in the robot frame."""
     hits = np.flatnonzero(np.isfinite(sweep.ranges_m))
     if hits.size > max_beams:
-        hits = hits[np.round(np.linspace(0, hits.size - 1, max_beams)).astype(np.int64)]
+        hits = hits[evenly(hits.size, max_beams)]
     return sweep.ends_m(hits)
+
+
+def evenly(n: int, count: int) -> I64:
+    """Indices of *count* of n things, the first and the last among them, with nearly equal gaps."""
+    return np.asarray((np.arange(count) * (n - 1) + (count - 1) // 2) // max(count - 1, 1))
 
 
 def end_log_likelihood(distance_m: F64 | F32, sigma_m: float, settings: LocalizationSettings) -> F32:
@@ -116,22 +133,24 @@ def scan_log_likelihoods(
     (n_poses,) float64
     """
     n_poses = poses.shape[0]
-    cells = np.empty((n_poses, 3))
-    cells[:, 0] = (poses[:, 0] - frame.origin_x_m) / frame.resolution_m
-    cells[:, 1] = (poses[:, 1] - frame.origin_y_m) / frame.resolution_m
-    cells[:, 2] = poses[:, 2]
-    ends = np.ascontiguousarray((ends_m / frame.resolution_m).T.astype(np.float32))
-    chosen = np.zeros((n_poses, 5), dtype=np.int32) if windows is None else windows
+    cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
+    ends = np.ascontiguousarray((ends_m / frame.resolution_m).T, dtype=np.float32)
     out = np.empty(n_poses)
 
     def weigh(part: slice) -> None:
+        chosen = NO_WINDOW if windows is None else windows[part]
         index = np.empty(ends.shape[1], dtype=np.int32)
-        field_log_likelihoods(pool, frame.rows, frame.cols, cells[part], ends, chosen[part], index, out[part])
+        field_log_likelihoods(pool, frame.rows, frame.cols, cell, poses[part], ends, chosen, index, out[part])
 
+    in_chunks(weigh, n_poses, executor)
+    return out
+
+
+def in_chunks(weigh: Callable[[slice], None], n_poses: int, executor: ThreadPoolExecutor | None) -> None:
+    """Do the work for all poses, in fixed parts that threads may share."""
     chunks = [slice(k, k + POSES_PER_CHUNK) for k in range(0, n_poses, POSES_PER_CHUNK)]
     if executor is None or len(chunks) == 1:
         for chunk in chunks:
             weigh(chunk)
     else:
         list(executor.map(weigh, chunks))
-    return out

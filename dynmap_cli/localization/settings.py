@@ -65,6 +65,13 @@ class LocalizationSettings(BaseModel):
         description="Without odometry: noise of the predicted yaw, plus 30 % of the turn.",
     )
 
+    sensor: Literal["likelihood_field", "beam"] = Field(
+        "likelihood_field",
+        description="What weighs particles: how near beams end to the map, or also what they pass (paper, Eq. 1.1).",
+    )
+    static_prior: float = Field(
+        0.95, gt=0.5, lt=1, description="Beam model: probability that a beam hit what is in the map."
+    )
     max_beams: int = Field(60, ge=4, le=2000, description="Beams of a scan that weigh particles.")
     z_hit: float = Field(0.5, ge=0.001, le=1, description="Share of ends near something in the map.")
     z_rand: float = Field(0.5, ge=0.001, le=1, description="Share of ends anywhere within laser_max_range.")

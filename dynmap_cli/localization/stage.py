@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from dynmap_cli.domain.grid import OccupancyGrid
+from dynmap_cli.domain.grid import CountingMap, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
+from dynmap_cli.localization.beam_model import with_beam_model
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.outputs import write_health, write_particles, write_states
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -29,7 +30,10 @@ def run(context: StageContext) -> dict[str, Any]:
     log = read_scan_log(context.scans_dir)
     grid, warnings = read_map(context.map_yaml or context.run_dir / "map" / "map.yaml")
     _check_start(settings, grid)
-    pool = make_map_pool(grid, _patch_sets(context), settings)
+    patch_sets = _patch_sets(context)
+    pool = make_map_pool(grid, patch_sets, settings)
+    if settings.sensor == "beam":
+        pool = with_beam_model(pool, grid, _counting_map(context), patch_sets)
     with progress("localize", log.n_scans, "scans") as tick:
         found = localize_log(
             log, pool, settings, seed=context.config.seed, threads=context.threads, tick=tick
@@ -85,6 +89,15 @@ def _patch_sets(context: StageContext) -> tuple[PatchSet, ...]:
     from dynmap_cli.files.patch_archive import read_patches
 
     return read_patches(context.run_dir / "patches" / "patches.zip")
+
+
+def _counting_map(context: StageContext) -> CountingMap | None:
+    """How often the cells of the run's map reflect; a plain map_server map does not say."""
+    if context.map_yaml is not None:
+        return None
+    from dynmap_cli.files.counting_map import read_counting_map
+
+    return read_counting_map(context.run_dir / "map" / "reflectance.npz")
 
 
 STAGE = Stage(

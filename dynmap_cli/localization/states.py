@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.domain.poses import transform_points
 from dynmap_cli.kernels.likelihood import first_crossings
 from dynmap_cli.localization.map_pool import MapPool, SubMapStates
 from dynmap_cli.localization.sensor import Sweep, best_log_likelihood, least_log_likelihood
@@ -72,10 +71,20 @@ def place_sweep(sweep: Sweep, pose: F64) -> PlacedSweep:
     """Put the beams of a scan where the robot is."""
     hits = np.isfinite(sweep.ranges_m)
     lengths = np.where(hits, sweep.ranges_m, sweep.reach_m)
-    sensor = transform_points(pose, sweep.sensor)
+    sensor = transform_point(pose, sweep.sensor)
     directions = sweep.directions_rad + pose[2]
-    ends = sensor + lengths[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    ends = np.empty((lengths.size, 2))
+    np.cos(directions, out=ends[:, 0])
+    np.sin(directions, out=ends[:, 1])
+    ends *= lengths[:, None]
+    ends += sensor
     return PlacedSweep(sensor, directions, lengths, ends, hits)
+
+
+def transform_point(pose: F64, point: F64) -> F64:
+    """One point (2,) of the robot frame in the map frame, as `transform_points` for many."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    return np.array([pose[0] + cos * point[0] - sin * point[1], pose[1] + sin * point[0] + cos * point[1]])
 
 
 def state_evidence(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -9,14 +10,27 @@ from dataclasses import replace
 import numpy as np
 
 from dynmap_cli.arrays import F64, I32, I64
-from dynmap_cli.domain.poses import Trajectory, between, compose, inverse
+from dynmap_cli.domain.poses import Trajectory, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
+from dynmap_cli.localization.beam_model import beam_scan_log_likelihoods
 from dynmap_cli.localization.found import HealthRow, Localization, StateRow
-from dynmap_cli.localization.global_start import given_start, global_start, is_usable, search_again
+from dynmap_cli.localization.global_start import (
+    LEAST_RETURNS,
+    given_start,
+    global_start,
+    is_usable,
+    search_again,
+)
 from dynmap_cli.localization.health import NovelPlaces, Patience, Verdict, scan_health
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
+from dynmap_cli.localization.motion import (
+    Motion,
+    predicted_step,
+    sample_motion,
+    step_between,
+    updated_velocity,
+)
 from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -98,7 +112,8 @@ class _Tracker:
         self._random, self._executor, self._world, self._result = random, executor, world, result
         self._windows = _window_table(pool)
         self._novel, self._verdict, self._patience = NovelPlaces(pool.frame), Verdict(), Patience()
-        self._velocity = np.zeros(3)
+        self._velocity, self._has_odometry = np.zeros(3), log.has_odometry
+        self._sweep: tuple[int, Sweep] | None = None
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
@@ -119,8 +134,8 @@ class _Tracker:
     def _motion(self, start: int, end: int) -> Motion:
         """From odometry where both scans have it, else as before."""
         odometry = self._log.odometry
-        if bool(np.isfinite(odometry[start]).all() and np.isfinite(odometry[end]).all()):
-            return Motion(between(odometry[start], odometry[end]), measured=True)
+        if self._has_odometry[start] and self._has_odometry[end]:
+            return Motion(step_between(odometry[start], odometry[end]), measured=True)
         seconds = (self._log.stamps_ns[end] - self._log.stamps_ns[start]) * 1e-9
         return Motion(predicted_step(self._velocity, float(seconds)), measured=False)
 
@@ -130,24 +145,30 @@ class _Tracker:
         seconds = (self._log.stamps_ns[scan] - self._log.stamps_ns[updated]) * 1e-9
         is_due = (
             not motion.measured
-            or float(np.hypot(motion.step[0], motion.step[1])) >= settings.update_min_d
+            or math.hypot(motion.step[0], motion.step[1]) >= settings.update_min_d
             or abs(float(motion.step[2])) >= settings.update_min_a
             or float(seconds) >= settings.update_max_s
         )
-        return is_due and is_usable(self._log, scan, settings)
+        return is_due and self._sweep_at(scan).n_returns >= LEAST_RETURNS
+
+    def _sweep_at(self, scan: int) -> Sweep:
+        """The beams of a scan; the last one is kept, as it is asked for twice."""
+        if self._sweep is None or self._sweep[0] != scan:
+            self._sweep = scan, sweep_of(self._log, scan, self._settings.laser_max_range)
+        return self._sweep[1]
 
     def _update(self, updated: int, scan: int, motion: Motion, particles: Particles) -> Particles:
         """Predict, weigh, learn the states in view, judge, resample."""
         settings, stamp = self._settings, int(self._log.stamps_ns[scan])
         seconds = (stamp - int(self._log.stamps_ns[updated])) * 1e-9
-        sweep = sweep_of(self._log, scan, settings.laser_max_range)
+        sweep = self._sweep_at(scan)
         ends = pose_ends(sweep, settings.max_beams)
         before = particles.poses
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if settings.states == "sampled":
             particles = self._draw_states(particles, seconds)
-        particles = self._weigh(particles, ends, stamp)
+        particles = self._weigh(particles, sweep, ends, stamp)
         estimate = estimate_pose(particles)
         placed = place_sweep(sweep, estimate.pose)
         in_view: list[StateRow] = []
@@ -155,11 +176,12 @@ class _Tracker:
             particles, in_view = self._learn_states(particles, placed, stamp)
             if settings.states == "sampled" and in_view:
                 estimate = estimate_pose(particles)
+                placed = place_sweep(sweep, estimate.pose)
         if scan != updated:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
-        self._remember(scan, sweep, ends, particles, estimate, in_view)
+        self._remember(scan, placed, ends, particles, estimate, in_view)
         if self._patience.is_over(self._result.health[-1].verdict):
             self._verdict = Verdict()
             self._result.searches.append(stamp)
@@ -180,7 +202,7 @@ class _Tracker:
         )
         return replace(particles, submaps=submaps, states=states)
 
-    def _weigh(self, particles: Particles, ends: F64, stamp: int) -> Particles:
+    def _weigh(self, particles: Particles, sweep: Sweep, ends: F64, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
         windows = None
         if self._settings.states == "sampled":
@@ -189,23 +211,32 @@ class _Tracker:
             reach = self._settings.laser_max_range
             middle = particles.weights @ particles.poses[:, :2]
             self._world.show(self._world.near(middle, reach), stamp)
-        log_likelihoods = scan_log_likelihoods(
-            self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
-        )
-        return reweigh(particles, temper(ends.shape[0], self._settings) * log_likelihoods)
+        n_beams = ends.shape[0]
+        if self._settings.sensor == "beam":
+            log_likelihoods, n_beams = beam_scan_log_likelihoods(
+                self._pool, particles.poses, sweep, self._settings, windows, self._executor
+            )
+        else:
+            log_likelihoods = scan_log_likelihoods(
+                self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
+            )
+        return reweigh(particles, log_likelihoods, temper(n_beams, self._settings))
 
     def _learn_states(
         self, particles: Particles, placed: PlacedSweep, stamp: int
     ) -> tuple[Particles, list[StateRow]]:
         """Weigh the states of all sub-maps in view by the scan at the best pose."""
         exponent = temper(placed.lengths_m.size, self._settings)
+        knows_passes = self._settings.sensor == "beam"
         rows = []
         for number in self._world.near(placed.sensor_m, self._settings.view_m):
             evidence = state_evidence(placed, self._pool, self._pool.submaps[number], self._settings)
             if evidence.n_beams < LEAST_BEAMS:
                 continue
             if self._settings.states == "sampled":
-                particles, belief = _weigh_states(particles, number, evidence, exponent)
+                particles, belief = _weigh_states(
+                    particles, number, evidence, 0.0 if knows_passes else exponent
+                )
             else:
                 prior = self._world.belief(number, stamp)
                 belief = update_belief(prior, exponent * evidence.log_likelihoods)
@@ -217,7 +248,7 @@ class _Tracker:
     def _remember(
         self,
         scan: int,
-        sweep: Sweep,
+        placed: PlacedSweep,
         ends: F64,
         particles: Particles,
         estimate: Estimate,
@@ -229,9 +260,7 @@ class _Tracker:
         likeliest = self._world.likeliest(
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )
-        health = scan_health(
-            place_sweep(sweep, estimate.pose), self._pool, likeliest, self._novel, stamp * 1e-9
-        )
+        health = scan_health(placed, self._pool, likeliest, self._novel, stamp * 1e-9)
         total = scan_log_likelihoods(self._pool.pool, self._pool.frame, estimate.pose[None, :], ends)
         result.states.extend(in_view)
         result.health.append(
@@ -253,8 +282,8 @@ def _weigh_states(
 ) -> tuple[Particles, F64 | None]:
     """Weigh particles in one sub-map by the beams that went through what their state has solid.
 
-    The ends have weighed them already. Returns the particles and the share of each state, or None where
-    less than half of the weight is in the sub-map.
+    The ends have weighed them already, and under the beam model so have the passes: exponent 0. Returns
+    the particles and the share of each state, or None where less than half of the weight is in the sub-map.
     """
     here = particles.submaps == number
     if float(particles.weights[here].sum()) < 0.5:

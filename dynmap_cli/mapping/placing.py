@@ -228,15 +228,14 @@ class _Field:
         """Poses (3,) in which points (n, 2) lie best on the site, the best first, each in a place of its own."""
         n_places = self._lattice.shape[0]
         ends = np.ascontiguousarray(points[:: max(1, points.shape[0] // _N_POINTS)].T / np.float32(_CELL_M))
-        at = (self._lattice - self._origin) / _CELL_M
+        cell, nowhere = np.array([*self._origin, _CELL_M]), np.zeros((1, 5), dtype=np.int32)
         yaws: F64 = 2.0 * np.pi / _N_YAWS * np.arange(_N_YAWS, dtype=np.float64)
         scores = np.empty((_N_YAWS, n_places))
-        windows = np.zeros((n_places, 5), dtype=np.int32)
         scratch = np.empty(ends.shape[1], dtype=np.int32)
         for number, yaw in enumerate(yaws):
-            poses = np.column_stack([at, np.full(n_places, yaw)])
+            poses, out = np.column_stack([self._lattice, np.full(n_places, yaw)]), scores[number]
             field_log_likelihoods(
-                self._pool, self._rows, self._cols, poses, ends, windows, scratch, scores[number]
+                self._pool, self._rows, self._cols, cell, poses, ends, nowhere, scratch, out
             )
         flat = scores.ravel()
         best = np.argpartition(flat, max(flat.size - _N_BEST, 0))[-_N_BEST:]

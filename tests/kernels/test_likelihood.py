@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynmap_cli.kernels.likelihood import field_log_likelihoods, first_crossings
+from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.kernels.likelihood import field_log_likelihoods, first_crossings, own_cells
 from tests.reference.localization import plain_field_log_likelihood, plain_first_crossing
 
 
@@ -17,17 +18,19 @@ def test_field_log_likelihoods_is_its_plain_twin(seed, n_beams, with_patch):
     whole = random.normal(size=(rows, cols)).astype(np.float32)
     patch = random.normal(size=(6, 9)).astype(np.float32)
     pool = np.concatenate([whole.ravel(), patch.ravel()])
-    poses = np.column_stack([random.uniform(-5, 45, 7), random.uniform(-5, 35, 7), random.uniform(-7, 7, 7)])
+    cells = np.column_stack([random.uniform(-5, 45, 7), random.uniform(-5, 35, 7), random.uniform(-7, 7, 7)])
+    poses = cells * (0.1, 0.1, 1.0) + (3.0, -2.0, 0.0)
     ends = random.uniform(-20, 20, (2, n_beams)).astype(np.float32)
     windows = np.zeros((7, 5), dtype=np.int32)
     if with_patch:
         windows[::2] = [8, 12, 6, 9, rows * cols]
     out = np.empty(7)
-    field_log_likelihoods(pool, rows, cols, poses, ends, windows, np.empty(n_beams, np.int32), out)
+    cell, index = np.array([3.0, -2.0, 0.1]), np.empty(n_beams, np.int32)
+    field_log_likelihoods(pool, rows, cols, cell, poses, ends, windows, index, out)
     for k in range(7):
         own = patch if windows[k, 2] else None
-        expected = plain_field_log_likelihood((whole, own), windows[k], poses[k], ends.T.astype(float))
-        borders = _nearest_border(poses[k], ends.T.astype(float))
+        expected = plain_field_log_likelihood((whole, own), windows[k], cells[k], ends.T.astype(float))
+        borders = _nearest_border(cells[k], ends.T.astype(float))
         if borders > 1e-4:
             assert math.isclose(out[k], expected, abs_tol=1e-5)
 
@@ -36,6 +39,22 @@ def _nearest_border(pose, ends):
     c, s = math.cos(pose[2]), math.sin(pose[2])
     xy = np.stack([pose[0] + c * ends[:, 0] - s * ends[:, 1], pose[1] + s * ends[:, 0] + c * ends[:, 1]])
     return np.abs(xy - np.round(xy)).min()
+
+
+@given(st.integers(0, 10_000))
+def test_own_cells_are_those_of_the_frame(seed):
+    random = np.random.default_rng(seed)
+    frame = GridFrame(0.05, 1.0, -2.0, 7, 9)
+    owned = random.random(frame.shape) < 0.5
+    points = random.uniform((0.8, -2.2), (1.8, -1.4), (40, 2))
+    cells, inside = np.empty((40, 2), np.int64), np.empty(40, bool)
+    own_cells(points, np.array([1.0, -2.0, 0.05]), owned, cells, inside)
+    expected = frame.to_cells(points)
+    for k in range(40):
+        row, col = expected[k]
+        is_in = 0 <= row < 7 and 0 <= col < 9
+        assert inside[k] == (is_in and owned[row, col])
+        assert cells[k].tolist() == [min(max(row, 0), 6), min(max(col, 0), 8)]
 
 
 @given(st.integers(0, 10_000))

@@ -5,9 +5,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import compose, wrap_angle
-from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
+from dynmap_cli.kernels.particles import mean_step
+from dynmap_cli.localization.motion import (
+    SHARE_OF_STEP,
+    SHORTEST_STEP_M,
+    Motion,
+    odometry_sigmas,
+    predicted_step,
+    sample_motion,
+    turn_drive_turn,
+    updated_velocity,
+)
 from dynmap_cli.localization.settings import LocalizationSettings
-from tests.reference.localization import plain_odometry_step
+from tests.reference.localization import plain_mean_step, plain_motion_moments, plain_odometry_step
 
 STILL = {"drift_sigma_m": 0.0, "drift_sigma_rad": 0.0}
 small = st.floats(-1.0, 1.0)
@@ -31,9 +41,34 @@ def test_it_is_the_printed_odometry_model(x, y, yaw, seed):
     recorder = Recorder(seed)
     moved = sample_motion(poses, Motion(np.array([x, y, yaw]), measured=True), settings, recorder)
     for k in range(5):
-        twin = plain_odometry_step(poses[k], (x, y, yaw), recorder.drawn[0][:, k], (0.1, 0.2, 0.3, 0.4))
+        twin = plain_odometry_step(
+            poses[k], (x, y, yaw), recorder.drawn[0][[0, 1, 3], k], (0.1, 0.2, 0.3, 0.4)
+        )
         np.testing.assert_allclose(moved[k, :2], twin[:2], atol=1e-9)
         assert abs(wrap_angle(np.asarray(moved[k, 2] - twin[2]))) < 1e-9
+
+
+@given(small, small, small, st.booleans())
+def test_the_spread_of_many_draws_is_that_of_the_formula(x, y, yaw, measured):
+    settings = LocalizationSettings(drift_sigma_m=0.05, drift_sigma_rad=0.02)
+    step = np.array([x, y, yaw])
+    motion = Motion(step, measured=measured)
+    moved = sample_motion(np.zeros((20_000, 3)), motion, settings, np.random.default_rng(5))
+    first, length, last = turn_drive_turn(step, SHORTEST_STEP_M if measured else 0.0)
+    sigmas = odometry_sigmas(first, length, last, settings)
+    if not measured:
+        sigma_m = settings.prediction_sigma_m + SHARE_OF_STEP * length
+        sigmas = 0.0, sigma_m, sigma_m, settings.prediction_sigma_rad + SHARE_OF_STEP * abs(yaw)
+    drift = np.diag(np.square([0.05, 0.05, 0.02]))
+    mean, covariance = plain_motion_moments((first, length, last), sigmas)
+    np.testing.assert_allclose(moved[:, :2].mean(axis=0), mean[:2], atol=0.03)
+    away = np.column_stack([moved[:, :2] - mean[:2], wrap_angle(moved[:, 2] - mean[2])])
+    scale = np.sqrt(np.diag(covariance + drift))
+    np.testing.assert_allclose(
+        away.T @ away / len(away) / np.outer(scale, scale),
+        (covariance + drift) / np.outer(scale, scale),
+        atol=0.06,
+    )
 
 
 @given(small, small, small)
@@ -56,3 +91,12 @@ def test_velocity_settles_at_that_of_a_steady_robot_and_never_explodes():
     np.testing.assert_allclose(predicted_step(velocity, 50.0), velocity)
     for seconds in (0.0, 1e-9, -1.0):
         assert np.abs(updated_velocity(velocity, poses, poses + 1.0, np.full(4, 0.25), seconds)).max() <= 20
+
+
+def test_the_mean_step_is_that_of_single_particles():
+    random = np.random.default_rng(2)
+    before, after = random.normal(size=(7, 3)) * 2, random.normal(size=(7, 3)) * 2
+    weights = random.dirichlet(np.ones(7))
+    out = np.empty(3)
+    mean_step(before, after, weights, out)
+    np.testing.assert_allclose(out, plain_mean_step(before, after, weights), atol=1e-12)

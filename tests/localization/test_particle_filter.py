@@ -1,11 +1,19 @@
 """Laws of weighing, resampling and the estimate."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.localization.particle_filter import (
+    BIN_M,
+    BIN_RAD,
+    CLUSTER_M,
+    CLUSTER_RAD,
     Particles,
+    bins_of,
     estimate_pose,
     kld_count,
     low_variance_draw,
@@ -14,7 +22,7 @@ from dynmap_cli.localization.particle_filter import (
     reweigh,
 )
 from dynmap_cli.localization.settings import LocalizationSettings
-from tests.reference.localization import plain_low_variance
+from tests.reference.localization import plain_bins, plain_cluster, plain_low_variance, plain_reweigh
 
 weights = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=30)
 
@@ -23,6 +31,32 @@ weights = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=30)
 def test_the_comb_is_its_plain_twin(values, count, offset):
     drawn = low_variance_draw(np.array(values), count, offset)
     assert drawn.tolist() == plain_low_variance(values, count, offset)
+
+
+@given(weights, st.integers(0, 999), st.floats(0.05, 1.0))
+def test_weighing_is_its_plain_twin(values, seed, exponent):
+    particles = make_particles(np.zeros((len(values), 3)))
+    particles = replace(particles, weights=np.array(values) / np.sum(values))
+    logs = np.random.default_rng(seed).normal(-5.0, 5.0, len(values))
+    expected = plain_reweigh(particles.weights, logs, exponent)
+    np.testing.assert_allclose(reweigh(particles, logs, exponent).weights, expected, rtol=1e-9, atol=1e-300)
+
+
+@given(st.integers(0, 999), st.integers(1, 200), st.sampled_from([0.1, 1.0, 30.0]))
+def test_bins_and_cluster_are_their_plain_twins(seed, n, wide):
+    random = np.random.default_rng(seed)
+    poses = random.normal(size=(n, 3)) * (wide, wide, 0.3) + (0, 0, 3.1)
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    submaps, states = random.integers(-1, 3, (2, n)).astype(np.int32)
+    bins = bins_of(poses, submaps, states)
+    assert bins.tolist() == plain_bins(poses, submaps, states, BIN_M, BIN_RAD)
+    particles = Particles(poses, random.dirichlet(np.ones(n)), submaps, states)
+    places = plain_bins(poses, submaps * 0, states * 0, BIN_M, BIN_RAD)
+    x, y, yaw, share, spread = plain_cluster(poses, particles.weights, places, CLUSTER_M, CLUSTER_RAD)
+    found = estimate_pose(particles)
+    np.testing.assert_allclose([*found.pose[:2], found.share], [x, y, share], atol=1e-9)
+    assert abs(wrap_angle(np.asarray(found.pose[2] - yaw))) < 0.01
+    assert abs(found.spread_m - spread) < 1e-9
 
 
 @given(weights, st.floats(0.0, 0.99))

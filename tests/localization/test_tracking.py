@@ -8,6 +8,7 @@ import pytest
 from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.errors import ArtifactError, LogError
+from dynmap_cli.localization.beam_model import with_beam_model
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
@@ -21,7 +22,10 @@ def run():
 
 def localize(run, seed=0, threads=1, log=None, sets=None, **settings):
     chosen = LocalizationSettings(**settings)
-    pool = make_map_pool(run.true_map, patch_sets_of(run) if sets is None else sets, chosen)
+    sets = patch_sets_of(run) if sets is None else sets
+    pool = make_map_pool(run.true_map, sets, chosen)
+    if chosen.sensor == "beam":
+        pool = with_beam_model(pool, run.true_map, None, sets)
     return localize_log(run.log if log is None else log, pool, chosen, seed=seed, threads=threads)
 
 
@@ -32,9 +36,10 @@ def assert_close(found, run, metres=0.12, degrees=1.5):
     assert np.quantile(away_deg, 0.95) < degrees
 
 
+@pytest.mark.parametrize("sensor", ["likelihood_field", "beam"])
 @pytest.mark.parametrize("states", ["belief", "sampled"])
-def test_pose_and_state_are_found_without_a_start(run, states):
-    found = localize(run, states=states)
+def test_pose_and_state_are_found_without_a_start(run, states, sensor):
+    found = localize(run, states=states, sensor=sensor)
     assert_close(found, run)
     assert {row.verdict for row in found.health} == {"tracking"}
     assert_right_states_within(found, run, metres=2.0)

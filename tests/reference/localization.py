@@ -5,6 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 
+import numpy as np
+
+from tests.reference.counting import plain_passes
+
 
 def plain_field_log_likelihood(fields, window, pose, ends):
     """Sum over beams of the field at the end cell; *fields* = (map field, patch field or None).
@@ -22,6 +26,31 @@ def plain_field_log_likelihood(fields, window, pose, ends):
             total += float(patch[own_row, own_col])
         else:
             total += float(whole[row, col])
+    return total
+
+
+def plain_beam_log_likelihood(reflectance, pose, sensor, beams, z_hit, floor, static_prior, outside):
+    """Eq. 1.1 with lengths, beam by beam and cell by cell, summed over its two cases of c.
+
+    *reflectance* of a cell (row, col), *outside* that of what is not in it, where there are no cells; *pose*
+    in cells; *sensor* in the robot frame, cells; *beams* = (direction, length in cells, zeta: nothing was hit).
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x0, y0 = pose[0] + c * sensor[0] - s * sensor[1], pose[1] + s * sensor[0] + c * sensor[1]
+    total = 0.0
+    for direction, length, zeta in beams:
+        x1, y1 = x0 + length * math.cos(pose[2] + direction), y0 + length * math.sin(pose[2] + direction)
+        ways = {cell: way for cell, way in plain_passes(x0, y0, x1, y1).items() if cell in reflectance}
+        passed = math.prod((1 - reflectance[cell]) ** way for cell, way in ways.items())
+        m = reflectance.get((math.floor(y1), math.floor(x1)))
+        if m is None:
+            passed *= (1 - outside) ** (length - sum(ways.values()))
+            m = outside
+        likelihood = {
+            case: passed**zeta * ((m**case * (1 - m) ** (1 - case)) * passed) ** (1 - zeta) for case in (0, 1)
+        }
+        mixture = static_prior * likelihood[1] + (1 - static_prior) * likelihood[0]
+        total += math.log(z_hit * mixture + floor)
     return total
 
 
@@ -55,6 +84,70 @@ def plain_odometry_step(pose, step, noise, alphas):
     r2 = rot2 - math.sqrt(a1 * n2**2 + a2 * length**2) * noise[2]
     x, y, yaw = pose
     return x + d * math.cos(yaw + r1), y + d * math.sin(yaw + r1), yaw + r1 + r2
+
+
+def plain_motion_moments(step, sigmas):
+    """Mean and covariance of turn, drive, turn with normal noise from (0, 0, 0), in closed form.
+
+    With yaw1 ~ N(first, s1^2): E[e^(i yaw1)] = e^(i first) e^(-s1^2 / 2), and the second moments by
+    E[cos 2 yaw1], E[sin 2 yaw1] alike; E[yaw noise * e^(i yaw1)] = i s1^2 e^(i first) e^(-s1^2 / 2).
+    """
+    first, length, last = step
+    s1, along, across, s2 = sigmas
+    d1, d2 = math.exp(-0.5 * s1**2), math.exp(-2.0 * s1**2)
+    mean = [length * d1 * math.cos(first), length * d1 * math.sin(first), first + last]
+    c2, s2t = d2 * math.cos(2 * first), d2 * math.sin(2 * first)
+    xx = (length**2 + along**2) * (1 + c2) / 2 + across**2 * (1 - c2) / 2 - mean[0] ** 2
+    yy = (length**2 + along**2) * (1 - c2) / 2 + across**2 * (1 + c2) / 2 - mean[1] ** 2
+    xy = (length**2 + along**2 - across**2) * s2t / 2 - mean[0] * mean[1]
+    xt, yt = -mean[1] * s1**2, mean[0] * s1**2
+    return mean, np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, s1**2 + s2**2]])
+
+
+def plain_mean_step(before, after, weights):
+    """Weighted mean of the steps, each in the frame of its particle before."""
+    total = [0.0, 0.0, 0.0]
+    for (x0, y0, a0), (x1, y1, a1), w in zip(before, after, weights, strict=True):
+        dx, dy = x1 - x0, y1 - y0
+        total[0] += w * (math.cos(a0) * dx + math.sin(a0) * dy)
+        total[1] += w * (math.cos(a0) * dy - math.sin(a0) * dx)
+        total[2] += w * math.remainder(a1 - a0, 2 * math.pi)
+    return total
+
+
+def plain_reweigh(weights, log_likelihoods, exponent):
+    """Bayes, one particle at a time."""
+    products = [w * math.exp(exponent * log) for w, log in zip(weights, log_likelihoods, strict=True)]
+    return [p / sum(products) for p in products]
+
+
+def plain_bins(poses, submaps, states, bin_m, bin_rad):
+    """Index of the first particle in the same bin."""
+    first = {}
+    return [
+        first.setdefault((math.floor(x / bin_m), math.floor(y / bin_m), math.floor(a / bin_rad), m, s), k)
+        for k, ((x, y, a), m, s) in enumerate(zip(poses, submaps, states, strict=True))
+    ]
+
+
+def plain_cluster(poses, weights, bins, near_m, near_rad):
+    """Mean pose around the heaviest bin, weight near it, spread of all; the mean yaw on the circle."""
+    heaviest = max(set(bins), key=lambda b: sum(w for w, o in zip(weights, bins, strict=True) if o == b))
+
+    def mean_of(members):
+        inside = [(w, p) for w, p, m in zip(weights, poses, members, strict=True) if m]
+        share = sum(w for w, _ in inside)
+        x, y = (sum(w * p[axis] for w, p in inside) / share for axis in (0, 1))
+        east, north = (sum(w * of(p[2]) for w, p in inside) for of in (math.cos, math.sin))
+        return x, y, math.atan2(north, east), share
+
+    x, y, yaw, share = mean_of([b == heaviest for b in bins])
+    for _ in range(3):
+        place = [math.hypot(p[0] - x, p[1] - y) <= near_m for p in poses]
+        turned = [abs(math.remainder(p[2] - yaw, 2 * math.pi)) <= near_rad for p in poses]
+        x, y, yaw, share = mean_of([a and b for a, b in zip(place, turned, strict=True)])
+    spread = sum(w * ((p[0] - x) ** 2 + (p[1] - y) ** 2) for w, p in zip(weights, poses, strict=True))
+    return x, y, yaw, share, math.sqrt(spread)
 
 
 def plain_low_variance(weights, count, offset):

@@ -1,0 +1,237 @@
+"""The loops over particles: moving, weighing, the pose they stand for, and the draw of the next ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.kernels.jit import kernel
+
+TWO_PI = 2.0 * math.pi
+
+
+@kernel
+def wrapped(angle_rad: float) -> float:
+    """The angle in [-pi, pi)."""
+    return angle_rad - TWO_PI * math.floor((angle_rad + math.pi) / TWO_PI)
+
+
+@kernel
+def move_poses(poses: F64, turns: F64, length_m: float, sigmas: F64, noise: F64, out: F64) -> None:
+    r"""Write where each particle comes to: turn, drive, turn, each with noise of its own.
+
+    .. math::
+        \theta_1 = \theta + \delta_1 - \sigma_1 n_1, \quad
+        (x, y)' = (x, y) + (d - \sigma_\parallel n_2)\, e(\theta_1) + \sigma_\perp n_3\, e_\perp(\theta_1), \quad
+        \theta' = \theta_1 + \delta_2 - \sigma_2 n_4
+
+    Table 5.6 of Thrun et al., Probabilistic Robotics, with noise across the way besides.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    turns : (2,) float64
+        Before and after the drive, radians.
+    length_m : float
+    sigmas : (4,) float64
+        Standard deviations of the first turn, along and across the way, and of the last turn.
+    noise : (4, n) float64
+        Standard normal.
+    out : (n, 3) float64
+    """
+    for k in range(poses.shape[0]):
+        yaw = poses[k, 2] + turns[0] - sigmas[0] * noise[0, k]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        along, across = length_m - sigmas[1] * noise[1, k], sigmas[2] * noise[2, k]
+        out[k, 0] = poses[k, 0] + along * cos - across * sin
+        out[k, 1] = poses[k, 1] + along * sin + across * cos
+        out[k, 2] = wrapped(yaw + turns[1] - sigmas[3] * noise[3, k])
+
+
+@kernel
+def mean_step(before: F64, after: F64, weights: F64, out: F64) -> None:
+    """Write the weighted mean (3,) of the steps of single particles, each seen from its pose before."""
+    x = y = turn = 0.0
+    for k in range(weights.size):
+        cos, sin = math.cos(before[k, 2]), math.sin(before[k, 2])
+        dx, dy = after[k, 0] - before[k, 0], after[k, 1] - before[k, 1]
+        x += weights[k] * (cos * dx + sin * dy)
+        y += weights[k] * (cos * dy - sin * dx)
+        turn += weights[k] * wrapped(after[k, 2] - before[k, 2])
+    out[0], out[1], out[2] = x, y, turn
+
+
+@kernel
+def multiply_weights(weights: F64, log_likelihoods: F64, exponent: float, out: F64) -> None:
+    """Write weights times likelihoods to the power of *exponent*, normalized to the sum 1.
+
+    Parameters
+    ----------
+    weights : (n,) float64
+    log_likelihoods : (n,) float64
+    exponent : float
+    out : (n,) float64
+    """
+    most = -math.inf
+    for k in range(weights.size):
+        out[k] = (math.log(weights[k]) if weights[k] > 0.0 else -math.inf) + exponent * log_likelihoods[k]
+        most = max(most, out[k])
+    total = 0.0
+    for k in range(weights.size):
+        out[k] = math.exp(out[k] - most)
+        total += out[k]
+    for k in range(weights.size):
+        out[k] /= total
+
+
+@kernel
+def is_same(keys: I32, one: int, other: int) -> bool:
+    """Whether two rows of keys (n, 5) are equal."""
+    return bool(
+        keys[one, 0] == keys[other, 0]
+        and keys[one, 1] == keys[other, 1]
+        and keys[one, 2] == keys[other, 2]
+        and keys[one, 3] == keys[other, 3]
+        and keys[one, 4] == keys[other, 4]
+    )
+
+
+@kernel
+def slot_of(keys: I32, entry: int, table: I32) -> int:
+    """Slot of a hash table that holds an entry with the same key as this one, or the empty one (-1) for it.
+
+    Parameters
+    ----------
+    keys : (n, 5) int32
+        Keys of the entries.
+    entry : int
+    table : (power of two,) int32
+        Index into *keys*, -1 = empty.
+    """
+    mixed = np.int64(0)
+    for part in range(5):
+        mixed = (mixed * 1_000_003 + keys[entry, part]) & 0xFFFF_FFFF
+        mixed ^= mixed >> 15
+    mask = table.size - 1
+    slot = int(mixed) & mask
+    while table[slot] >= 0 and not is_same(keys, table[slot], entry):
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel
+def sort_into_bins(
+    poses: F64, submaps: I32, states: I32, bin_m: float, bin_rad: float, keys: I32, table: I32, out: I32
+) -> None:
+    """Write for each particle the first particle that is in the same bin of place, yaw, sub-map and state.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    submaps, states : (n,) int32
+    bin_m, bin_rad : float
+        Edges of a bin.
+    keys : (n, 5) int32
+        Scratch.
+    table : (power of two >= 2 n,) int32
+        Scratch.
+    out : (n,) int32
+    """
+    table[:] = -1
+    for k in range(poses.shape[0]):
+        keys[k, 0] = np.int32(math.floor(poses[k, 0] / bin_m))
+        keys[k, 1] = np.int32(math.floor(poses[k, 1] / bin_m))
+        keys[k, 2] = np.int32(math.floor(poses[k, 2] / bin_rad))
+        keys[k, 3], keys[k, 4] = submaps[k], states[k]
+        if k > 0 and is_same(keys, k, k - 1):
+            out[k] = out[k - 1]
+            continue
+        slot = slot_of(keys, k, table)
+        if table[slot] < 0:
+            table[slot] = k
+        out[k] = table[slot]
+
+
+@kernel
+def draw_low_variance(weights: F64, count: int, offset: float, out: I64) -> None:
+    """Write the indices of *count* draws: one comb with equal gaps, shifted by *offset* in [0, 1).
+
+    Table 4.4 of Thrun et al., Probabilistic Robotics.
+    """
+    total = 0.0
+    for k in range(weights.size):
+        total += weights[k]
+    index, reached, last = 0, weights[0], weights.size - 1
+    for tooth in range(count):
+        at = (tooth + offset) / count * total
+        while reached <= at and index < last:
+            index += 1
+            reached += weights[index]
+        out[tooth] = index
+
+
+@kernel
+def count_bins(bins: I32, drawn: I64, seen: I32) -> int:
+    """How many different bins the drawn particles lie in; *seen* (n,) is scratch."""
+    seen[:] = 0
+    count = 0
+    for k in range(drawn.size):
+        of = bins[drawn[k]]
+        count += 1 - seen[of]
+        seen[of] = 1
+    return count
+
+
+@kernel
+def heaviest_cluster(
+    poses: F64, weights: F64, bins: I32, bin_weights: F64, near_m: float, near_rad: float, out: F64
+) -> None:
+    """Write the weighted mean pose around the heaviest bin, the weight near it, and the spread of all.
+
+    The mean is that of the bin at first, then three times that of all particles near the last one.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    weights : (n,) float64
+        Sum 1.
+    bins : (n,) int32
+        From `sort_into_bins`.
+    bin_weights : (n,) float64
+        Scratch.
+    near_m, near_rad : float
+    out : (5,) float64
+        x, y in metres, yaw in radians; weight of the last members; standard deviation in metres.
+    """
+    bin_weights[:] = 0.0
+    for k in range(weights.size):
+        bin_weights[bins[k]] += weights[k]
+    heaviest = 0
+    for k in range(weights.size):
+        if bin_weights[k] > bin_weights[heaviest]:
+            heaviest = k
+    x, y, yaw = poses[heaviest, 0], poses[heaviest, 1], poses[heaviest, 2]
+    share = 1.0
+    for turn in range(4):
+        total = sum_x = sum_y = sum_yaw = 0.0
+        for k in range(weights.size):
+            dx, dy, away = poses[k, 0] - x, poses[k, 1] - y, wrapped(poses[k, 2] - yaw)
+            if turn == 0:
+                member = bins[k] == heaviest
+            else:
+                member = dx * dx + dy * dy <= near_m * near_m and abs(away) <= near_rad
+            if member:
+                total += weights[k]
+                sum_x += weights[k] * dx
+                sum_y += weights[k] * dy
+                sum_yaw += weights[k] * away
+        share = total
+        total = max(total, 1e-300)
+        x, y, yaw = x + sum_x / total, y + sum_y / total, wrapped(yaw + sum_yaw / total)
+    variance = 0.0
+    for k in range(weights.size):
+        dx, dy = poses[k, 0] - x, poses[k, 1] - y
+        variance += weights[k] * (dx * dx + dy * dy)
+    out[0], out[1], out[2], out[3], out[4] = x, y, yaw, share, math.sqrt(variance)

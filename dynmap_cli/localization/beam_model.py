@@ -1,0 +1,143 @@
+"""The beam model of Eq. 1.1 as a sensor model: reflectances of map and patches in one pool, and what a scan says.
+
+It knows that a beam passes what is not there, which a likelihood field does not see; but it is so sharp that
+only a filter that already knows about where the robot is can use it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I32
+from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, GridFrame, OccupancyGrid
+from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.errors import ArtifactError
+from dynmap_cli.kernels.beam_likelihood import beam_log_likelihoods
+from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.sensor import NO_WINDOW, Sweep, evenly, in_chunks
+from dynmap_cli.localization.settings import LocalizationSettings
+
+UNKNOWN_REFLECTANCE = 0.1
+"""Of what nobody saw: a beam gets through a few such cells, not through a metre of them."""
+PLAIN_REFLECTANCE = {OCCUPIED: 0.7, FREE: 0.005}
+"""Of the cells of a map that does not say how often it reflects; medians of maps that do."""
+MOST_REFLECTANCE = 0.99
+"""No cell stops every beam: no pose is exact."""
+
+
+def with_beam_model(
+    pool: MapPool, grid: OccupancyGrid, counting_map: CountingMap | None, patch_sets: Sequence[PatchSet]
+) -> MapPool:
+    """The pool with reflectances, which it needs for `localization.sensor: beam`.
+
+    Parameters
+    ----------
+    pool : MapPool
+    grid : OccupancyGrid
+        The map that the pool was made of.
+    counting_map : CountingMap or None
+        Its reflectance; none = taken from what is occupied and what is free.
+    patch_sets : sequence of PatchSet
+        Those that the pool was made of.
+    """
+    whole = np.full(pool.frame.shape, UNKNOWN_REFLECTANCE)
+    if counting_map is None:
+        for value, reflectance in PLAIN_REFLECTANCE.items():
+            whole[_slices(grid.frame, pool.frame)][grid.cells == value] = reflectance
+    else:
+        if counting_map.frame.shape != grid.frame.shape:
+            msg = (
+                f"map/reflectance.npz has {counting_map.frame.shape} cells, but map/map.pgm {grid.frame.shape}. "
+                "Run `dynmap map` again with --force."
+            )
+            raise ArtifactError(msg)
+        m = counting_map.reflectance
+        whole[_slices(counting_map.frame, pool.frame)] = np.where(np.isfinite(m), m, UNKNOWN_REFLECTANCE)
+    fields = [log_pass_of(whole).ravel()]
+    for patch_set in (each for each in patch_sets if each.patches):
+        states = np.stack([patch.reflectance for patch in patch_set.patches]).astype(np.float64)
+        fields.append(log_pass_of(_filled(states, whole[_slices(patch_set.frame, pool.frame)])).ravel())
+    result = replace(pool, log_pass=np.concatenate(fields))
+    for number, submap in enumerate(result.submaps):
+        result.paint(number, np.full(submap.n_states, 1.0 / submap.n_states))
+    return result
+
+
+def log_pass_of(reflectance: F64) -> F32:
+    """ln(1 - m)."""
+    return np.log1p(-np.minimum(reflectance, MOST_REFLECTANCE)).astype(np.float32)
+
+
+def beam_scan_log_likelihoods(
+    pool: MapPool,
+    poses: F64,
+    sweep: Sweep,
+    settings: LocalizationSettings,
+    windows: I32 | None = None,
+    executor: ThreadPoolExecutor | None = None,
+) -> tuple[F64, int]:
+    """Logarithm of the likelihood of a scan under Eq. 1.1 for each pose, and of how many beams.
+
+    Beams that hit nothing say that the way is free as far as the sensor reaches.
+
+    Parameters
+    ----------
+    pool : MapPool
+        From `with_beam_model`.
+    poses : (n_poses, 3) float64
+        map_from_robot.
+    sweep : Sweep
+    settings : LocalizationSettings
+    windows : (n_poses, 5) int32, optional
+        The patch each pose reads from; none = all read from the map.
+    executor : ThreadPoolExecutor, optional
+        Shares long lists of poses among threads.
+
+    Returns
+    -------
+    (n_poses,) float64, int
+    """
+    if pool.log_pass is None:
+        msg = "the pool has no reflectances; with_beam_model adds them"
+        raise ValueError(msg)
+    frame, log_pass = pool.frame, pool.log_pass
+    beams = np.arange(sweep.ranges_m.size)
+    if beams.size > settings.max_beams:
+        beams = evenly(beams.size, settings.max_beams)
+    hits = np.isfinite(sweep.ranges_m[beams])
+    lengths = np.where(hits, sweep.ranges_m[beams], sweep.reach_m) / frame.resolution_m
+    angles = sweep.directions_rad[beams]
+    directions = np.stack([np.cos(angles), np.sin(angles)])
+    cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
+    floor = settings.z_rand / settings.laser_max_range
+    model = np.array([settings.z_hit, floor, settings.static_prior, np.log(1.0 - UNKNOWN_REFLECTANCE)])
+    out = np.empty(poses.shape[0])
+
+    def weigh(part: slice) -> None:
+        chosen = NO_WINDOW if windows is None else windows[part]
+        beam_log_likelihoods(
+            log_pass, frame.rows, frame.cols, cell, poses[part], sweep.sensor, directions, lengths, hits,
+            chosen, model, out[part],
+        )  # fmt: skip
+
+    in_chunks(weigh, poses.shape[0], executor)
+    return out, int(beams.size)
+
+
+def _filled(states: F64, whole: F64) -> F64:
+    """What a state (n_states, rows, cols) does not know is the mean of the others, or what the map says."""
+    known = np.isfinite(states)
+    count = known.sum(axis=0)
+    mean = np.where(known, states, 0.0).sum(axis=0) / np.maximum(count, 1)
+    return np.asarray(np.where(known, states, np.where(count > 0, mean, whole)))
+
+
+def _slices(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
+    """Where a frame lies in a larger one on the same cells."""
+    row = round((inner.origin_y_m - outer.origin_y_m) / outer.resolution_m)
+    col = round((inner.origin_x_m - outer.origin_x_m) / outer.resolution_m)
+    return slice(row, row + inner.rows), slice(col, col + inner.cols)
