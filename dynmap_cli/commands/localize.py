@@ -70,6 +70,7 @@ def command(
     lines = [
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
     ]
-    lines += [f"trajectory  {out_dir / 'trajectory.tum'}", f"states      {out_dir / 'states.csv'}"]
+    lines += [f"trajectory  {out_dir / 'trajectory.tum'}", f"poses       {out_dir / 'poses.csv'}"]
+    lines += [f"states      {out_dir / 'states.csv'}"]
     lines += [f"health      {out_dir / 'health.csv'}"]
     print_summary({"output": str(out_dir), "stages": summary}, lines, as_json=shared.as_json)

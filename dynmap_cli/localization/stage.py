@@ -1,4 +1,4 @@
-"""The door of the room: maps and a recording -> trajectory.tum, states.csv, health.csv."""
+"""The door of the room: maps and a recording -> trajectory.tum, poses.csv, states.csv, health.csv."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.outputs import write_health, write_particles, write_states
+from dynmap_cli.localization.outputs import write_health, write_particles, write_poses, write_states
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
@@ -35,6 +35,7 @@ def run(context: StageContext) -> dict[str, Any]:
             log, pool, settings, seed=context.config.seed, threads=context.threads, tick=tick
         )
     write_tum(context.out_dir / "trajectory.tum", found.trajectory)
+    write_poses(context.out_dir / "poses.csv", found.poses)
     write_states(context.out_dir / "states.csv", found.states, pool)
     write_health(context.out_dir / "health.csv", found.health)
     if settings.save_particles:
@@ -93,7 +94,7 @@ STAGE = Stage(
     section="localization",
     folder="",
     reads=("scans/", "map/", "patches/"),
-    writes=("trajectory.tum", "states.csv", "health.csv"),
+    writes=("trajectory.tum", "poses.csv", "states.csv", "health.csv"),
     run=run,
     seeded=True,
 )
