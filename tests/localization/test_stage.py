@@ -106,3 +106,15 @@ def test_a_map_that_is_read_otherwise_than_it_says_is_warned_of(folders):
     found = run(replace(context(folders, path), run_dir=folders / "nowhere"))
     path.write_text(text)
     assert [line for line in found["lines"] if line.startswith("warning: ") and "free_thresh" in line]
+
+
+def test_smoothed_poses_and_states_are_written_in_the_same_form(folders):
+    run(context(folders, smooth=True))
+    out = folders / "out"
+    known, looked_back = (read_tum(folder / "trajectory.tum") for folder in (out, out / "smoothed"))
+    np.testing.assert_array_equal(known.stamps_ns, looked_back.stamps_ns)
+    assert known.poses.tolist() != looked_back.poses.tolist()
+    (header, states), (again, smoothed) = (rows(f / "states.csv") for f in (out, out / "smoothed"))
+    assert header == again
+    assert [row[:3] for row in states] == [row[:3] for row in smoothed]
+    assert (out / "health.csv").read_bytes() == (out / "smoothed" / "health.csv").read_bytes()
