@@ -19,18 +19,26 @@ from dynmap_cli.commands.options import (
 )
 
 
-def _start_option(function: Function) -> Function:
-    """Add --start, which stands for the setting `localization.start`."""
+def _own_options(function: Function) -> Function:
+    """Add --start and --smooth, which stand for settings of the section `localization`."""
 
     @click.option(
         "--start",
         metavar="X,Y,YAW",
         help="Pose at the first scan, metres and radians (default: found on its own).",
     )
+    @click.option(
+        "--smooth",
+        is_flag=True,
+        help="Look back as well: poses and states that know the whole recording, in OUT/smoothed/.",
+    )
     @functools.wraps(function)
-    def wrapper(*args: Any, start: str | None, settings: dict[str, Any], **kwargs: Any) -> None:
-        pose = None if start is None else three_numbers("--start", start)
-        function(*args, settings={**settings, "localization.start": pose}, **kwargs)
+    def wrapper(*args: Any, start: str | None, smooth: bool, settings: dict[str, Any], **kwargs: Any) -> None:
+        own = {
+            "localization.start": None if start is None else three_numbers("--start", start),
+            "localization.smooth": smooth or None,
+        }
+        function(*args, settings={**settings, **own}, **kwargs)
 
     return wrapper
 
@@ -45,7 +53,7 @@ def _start_option(function: Function) -> Function:
     "--force", is_flag=True, help="Run also when up to date, and replace results of other recordings."
 )
 @recording_options
-@_start_option
+@_own_options
 @shared_options
 def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared
@@ -70,6 +78,9 @@ def command(
     lines = [
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
     ]
-    lines += [f"trajectory  {out_dir / 'trajectory.tum'}", f"states      {out_dir / 'states.csv'}"]
+    lines += [f"trajectory  {out_dir / 'trajectory.tum'}", f"poses       {out_dir / 'poses.csv'}"]
+    lines += [f"states      {out_dir / 'states.csv'}"]
     lines += [f"health      {out_dir / 'health.csv'}"]
+    if shared.config.localization.smooth:
+        lines += [f"smoothed    {out_dir / 'smoothed'}/"]
     print_summary({"output": str(out_dir), "stages": summary}, lines, as_json=shared.as_json)

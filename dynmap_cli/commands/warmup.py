@@ -57,8 +57,9 @@ def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     scenario, recording = folder / "room.yaml", folder / "room.mcap"
     scenario.write_text(_ROOM, encoding="ascii")
     simulate_to_files(scenario, recording)
+    looking_back = shared.config.localization.model_copy(update={"smooth": True})
     config = shared.config.model_copy(
-        update={"ingest": IngestSettings()}
+        update={"ingest": IngestSettings(), "localization": looking_back}
     )  # topics of a robot are not those here
     # The sums of several threads are joined by a kernel of their own.
     build(folder / "run", [recording], config, threads=max(2, shared.threads))

@@ -8,6 +8,7 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.health import ScanHealth
 from dynmap_cli.localization.particle_filter import Particles
+from dynmap_cli.localization.pose_rows import PoseRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,8 @@ class Localization:
     ----------
     trajectory : Trajectory
         One pose per scan.
+    poses : list of PoseRow
+        One per update.
     states : list of StateRow
     health : list of HealthRow
         One per update.
@@ -72,6 +75,7 @@ class Localization:
     """
 
     trajectory: Trajectory
+    poses: list[PoseRow]
     states: list[StateRow]
     health: list[HealthRow]
     searches: list[int]

@@ -1,4 +1,4 @@
-"""The files of a localization: states.csv, health.csv, particles.npz."""
+"""The files of a localization: poses.csv, states.csv, health.csv, particles.npz."""
 
 from __future__ import annotations
 
@@ -10,12 +10,29 @@ import numpy as np
 from dynmap_cli.files.trajectory import format_stamp
 from dynmap_cli.localization.found import HealthRow, Localization, StateRow
 from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.pose_rows import PoseRow
 
+POSES_HEADER = (
+    "stamp_s,x_m,y_m,yaw_rad,xx_m2,xy_m2,x_yaw_m_rad,yy_m2,y_yaw_m_rad,yaw_yaw_rad2,"
+    "best_x_m,best_y_m,best_yaw_rad,cluster_weight"
+)
 STATES_HEADER = "stamp_s,submap,patch,probability"
 HEALTH_HEADER = (
     "stamp_s,explained,explained_by_other_state,unexplained,log_likelihood_per_beam,"
     "effective_particles,patch_entropy_bits,verdict"
 )
+
+
+def write_poses(path: Path, rows: Sequence[PoseRow]) -> None:
+    """Write one line per update: pose, upper triangle of its covariance row by row, best particle."""
+    lines = [POSES_HEADER]
+    for row in rows:
+        upper = row.covariance[np.triu_indices(3)]
+        numbers = [f"{value:.6f}" for value in row.pose.tolist()]
+        numbers += [f"{value:.6e}" for value in upper.tolist()]
+        numbers += [f"{value:.6f}" for value in (*row.best.tolist(), row.share)]
+        lines.append(f"{format_stamp(row.stamp_ns)},{','.join(numbers)}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
 def write_states(path: Path, rows: Sequence[StateRow], pool: MapPool) -> None:

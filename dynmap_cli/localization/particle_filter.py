@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.arrays import B1, F64, I32, I64
+from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.kernels.particles import (
     count_bins,
     draw_low_variance,
@@ -140,3 +141,9 @@ def estimate_pose(particles: Particles) -> Estimate:
     bins = bins_of(particles.poses, nowhere, nowhere)
     heaviest_cluster(particles.poses, particles.weights, bins, np.empty(n), CLUSTER_M, CLUSTER_RAD, found)
     return Estimate(pose=found[:3], share=float(found[3]), spread_m=float(found[4]))
+
+
+def members_of(poses: F64, pose: F64) -> B1:
+    """Which poses belong to the cluster around a pose."""
+    near = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) <= CLUSTER_M
+    return np.asarray(near & (np.abs(wrap_angle(poses[:, 2] - pose[2])) <= CLUSTER_RAD))

@@ -96,6 +96,9 @@ class LocalizationSettings(BaseModel):
     view_m: float = Field(
         8.0, ge=0.1, le=1000, description="States are learned from beams that reach them within this."
     )
+    smooth: bool = Field(
+        False, description="Look back over the whole recording, and write smoothed poses and states as well."
+    )
     save_particles: bool = Field(False, description="Write the particles of every update to particles.npz.")
 
     @model_validator(mode="after")

@@ -1,7 +1,8 @@
-"""The door of the room: maps and a recording -> trajectory.tum, states.csv, health.csv."""
+"""The door of the room: maps and a recording -> trajectory.tum, poses.csv, states.csv, health.csv."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from dynmap_cli.domain.grid import CountingMap, OccupancyGrid
@@ -11,9 +12,11 @@ from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.beam_model import with_beam_model
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.outputs import write_health, write_particles, write_states
+from dynmap_cli.localization.found import Localization
+from dynmap_cli.localization.map_pool import MapPool, make_map_pool
+from dynmap_cli.localization.outputs import write_health, write_particles, write_poses, write_states
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.smoothing import Smoothed, smooth
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.progress import progress
@@ -39,14 +42,25 @@ def run(context: StageContext) -> dict[str, Any]:
             log, pool, settings, seed=context.config.seed, threads=context.threads, tick=tick
         )
     write_tum(context.out_dir / "trajectory.tum", found.trajectory)
+    write_poses(context.out_dir / "poses.csv", found.poses)
     write_states(context.out_dir / "states.csv", found.states, pool)
     write_health(context.out_dir / "health.csv", found.health)
+    if settings.smooth:
+        _write_smoothed(context.out_dir / "smoothed", smooth(log, pool, found, settings), found, pool)
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, pool)
     warnings += [*found.warnings, *_warn_of_losses(summary["lost"])]
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
+
+
+def _write_smoothed(folder: Path, smoothed: Smoothed, found: Localization, pool: MapPool) -> None:
+    """Write poses and states that know what came later, beside the verdicts of the filter, as in the folder above."""
+    folder.mkdir()
+    write_tum(folder / "trajectory.tum", smoothed.trajectory)
+    write_states(folder / "states.csv", smoothed.states, pool)
+    write_health(folder / "health.csv", found.health)
 
 
 def _warn_of_losses(lost_share: float) -> list[str]:
@@ -106,7 +120,7 @@ STAGE = Stage(
     section="localization",
     folder="",
     reads=("scans/", "map/", "patches/"),
-    writes=("trajectory.tum", "states.csv", "health.csv"),
+    writes=("trajectory.tum", "poses.csv", "states.csv", "health.csv"),
     run=run,
     seeded=True,
 )

@@ -32,6 +32,7 @@ from dynmap_cli.localization.motion import (
     updated_velocity,
 )
 from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
+from dynmap_cli.localization.pose_rows import pose_row
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import (
@@ -71,7 +72,7 @@ def localize_log(
         If no scan has enough returns.
     """
     poses = np.full((log.n_scans, 3), np.nan)
-    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [], [], [])
+    result = Localization(Trajectory(log.stamps_ns, poses), [], [], [], [], [], [])
     random = np.random.default_rng(seed)
     world = World(pool)
     with ThreadPoolExecutor(max_workers=max(threads, 1)) as executor:
@@ -257,6 +258,7 @@ class _Tracker:
         """Keep pose, states and health of an update."""
         result, stamp = self._result, int(self._log.stamps_ns[scan])
         result.trajectory.poses[scan] = estimate.pose
+        result.poses.append(pose_row(stamp, scan, particles, estimate))
         likeliest = self._world.likeliest(
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )

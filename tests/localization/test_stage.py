@@ -11,8 +11,8 @@ from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.patch_archive import write_patches
 from dynmap_cli.files.pgm import write_map
 from dynmap_cli.files.scan_log import write_scan_log
-from dynmap_cli.files.trajectory import read_tum
-from dynmap_cli.localization.outputs import HEALTH_HEADER, STATES_HEADER
+from dynmap_cli.files.trajectory import parse_stamp, read_tum
+from dynmap_cli.localization.outputs import HEALTH_HEADER, POSES_HEADER, STATES_HEADER
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.stage import run
 from dynmap_cli.stage import StageContext
@@ -67,6 +67,14 @@ def test_trajectory_states_and_health_are_written(folders, simulated_run):
     for row in health:
         assert abs(float(row[1]) + float(row[2]) + float(row[3]) - 1) < 1e-3
         assert row[7] in ("tracking", "changed", "lost")
+    header, poses = rows(folders / "out" / "poses.csv")
+    assert header == POSES_HEADER
+    assert [row[0] for row in poses] == [row[0] for row in health]
+    at = np.searchsorted(trajectory.stamps_ns, [parse_stamp(row[0]) for row in poses])
+    values = np.array([[float(word) for word in row[1:]] for row in poses])
+    np.testing.assert_allclose(values[:, :3], trajectory.poses[at], atol=2e-6)
+    assert (values[:, [3, 6, 8]] > 0).all()
+    assert (np.hypot(*(values[:, 9:11] - values[:, :2]).T) < 0.5).all()
     with np.load(folders / "out" / "particles.npz") as clouds:
         assert clouds["counts"].sum() == clouds["poses"].shape[0]
     assert summary["lines"][0].startswith("60 scans: 100 % tracking, never lost")
@@ -98,3 +106,15 @@ def test_a_map_that_is_read_otherwise_than_it_says_is_warned_of(folders):
     found = run(replace(context(folders, path), run_dir=folders / "nowhere"))
     path.write_text(text)
     assert [line for line in found["lines"] if line.startswith("warning: ") and "free_thresh" in line]
+
+
+def test_smoothed_poses_and_states_are_written_in_the_same_form(folders):
+    run(context(folders, smooth=True))
+    out = folders / "out"
+    known, looked_back = (read_tum(folder / "trajectory.tum") for folder in (out, out / "smoothed"))
+    np.testing.assert_array_equal(known.stamps_ns, looked_back.stamps_ns)
+    assert known.poses.tolist() != looked_back.poses.tolist()
+    (header, states), (again, smoothed) = (rows(f / "states.csv") for f in (out, out / "smoothed"))
+    assert header == again
+    assert [row[:3] for row in states] == [row[:3] for row in smoothed]
+    assert (out / "health.csv").read_bytes() == (out / "smoothed" / "health.csv").read_bytes()
