@@ -37,7 +37,7 @@ def test_pose_and_state_are_found_without_a_start(run, states):
     found = localize(run, states=states)
     assert_close(found, run)
     assert {row.verdict for row in found.health} == {"tracking"}
-    assert_right_states_within(found, run, metres=2.0)
+    assert_right_states_within(found, run, metres=1.0)
 
 
 def assert_right_states_within(found, run, metres):
