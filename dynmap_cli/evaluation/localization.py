@@ -262,9 +262,11 @@ def state_measures(
     """Share of right states over all scans and sub-maps in view, and how soon changes were noticed.
 
     The delay of a change runs from the first scan that had the sub-map in view after it. A patch means what was
-    there in most visits of the run; one without such a visit is never right.
+    there in most visits of the run; one without such a visit is never right. A patch is the state of all objects in a
+    sub-map together, and where these were never seen like this while the map was made, no patch is right: the share of
+    the others is `state_mapped_share`, and of them are right `state_accuracy_when_mapped`.
     """
-    right = count = sure = sure_and_right = changes = 0
+    right = count = sure = sure_and_right = mapped = changes = 0
     delays_s: list[float] = []
     for submap in learned.submaps:
         reach = learned.reach[submap.submap_id]
@@ -275,6 +277,7 @@ def state_measures(
         actual = configurations(truth, reach)
         is_right = _is_right(own, actual, meanings, truth.trajectory.stamps_ns)
         right, count = right + int(is_right.sum()), count + is_right.size
+        mapped += _count_mapped(own, actual, meanings, truth.trajectory.stamps_ns)
         is_sure = own.probability >= SURE
         sure, sure_and_right = sure + int(is_sure.sum()), sure_and_right + int((is_sure & is_right).sum())
         found = _delays_s(own.stamps_ns, is_right, _change_stamps(actual, truth.trajectory.stamps_ns))
@@ -282,6 +285,8 @@ def state_measures(
         delays_s += [delay for delay in found if math.isfinite(delay)]
     return {
         "state_accuracy": ratio(right, count),
+        "state_mapped_share": ratio(mapped, count),
+        "state_accuracy_when_mapped": ratio(right, mapped),
         "state_sure_share": ratio(sure, count),
         "state_accuracy_when_sure": ratio(sure_and_right, sure),
         "state_changes_in_view": float(changes),
@@ -305,6 +310,17 @@ def _is_right(
         ],
         dtype=bool,
     )
+
+
+def _count_mapped(
+    own: Believed,
+    actual: Sequence[Configuration],
+    meanings: Mapping[int, Configuration],
+    stamps_ns: I64,
+) -> int:
+    """In how many scans what was there is what some patch means."""
+    known = set(meanings.values())
+    return sum(scan >= 0 and actual[scan] in known for scan in nearest_stamp(stamps_ns, own.stamps_ns).tolist())
 
 
 def _change_stamps(actual: Sequence[Configuration], stamps_ns: I64) -> I64:

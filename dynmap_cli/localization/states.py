@@ -17,7 +17,10 @@ LEAST_SINE = math.sin(math.radians(20.0))
 """A beam that meets a surface at less than 20 degrees slides along it and proves nothing."""
 BEYOND_M = 0.3
 """A beam passed through a surface if it ends at least this far behind it."""
+TELLS_APART = math.log(2.0)
+"""A beam tells states apart that is twice as likely in one as in another."""
 LEAST_BEAMS = 3
+"""A sub-map is in view of a scan with so many beams that tell its states apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +34,7 @@ class StateEvidence:
     through : (n_states,) float64
         What has to be added because beams went through what is solid in a state.
     n_beams : int
-        Beams that reach the rectangle.
+        Beams that tell the states apart.
     """
 
     at_ends: F64
@@ -116,11 +119,13 @@ def state_evidence(
     best, least = best_log_likelihood(settings), least_log_likelihood(settings)
     ends = np.full((n_states, n_beams), best)
     ends[:, inside] = np.log(submap.likelihoods[:, cells[inside, 0], cells[inside, 1]])
-    passed = crossings[:, :, 1] * size + BEYOND_M <= placed.lengths_m
+    passed = (crossings[:, :, 1] * size + BEYOND_M <= placed.lengths_m) & reaches
+    at_ends = np.where(inside & reaches, ends, 0.0)
+    through = np.where(passed, least - ends, 0.0)
     return StateEvidence(
-        at_ends=ends[:, inside & reaches].sum(axis=1),
-        through=np.where(passed & reaches, least - ends, 0.0).sum(axis=1),
-        n_beams=int(reaches.sum()),
+        at_ends=at_ends.sum(axis=1),
+        through=through.sum(axis=1),
+        n_beams=int((np.ptp(at_ends + through, axis=0) >= TELLS_APART).sum()),
     )
 
 

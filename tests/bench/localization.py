@@ -32,6 +32,8 @@ _COLUMNS = {
     "position_error_p95_m": "error 95 %, m",
     "heading_error_mean_deg": "error, deg",
     "state_accuracy": "state right",
+    "state_mapped_share": "state ever mapped",
+    "state_accuracy_when_mapped": "right of those mapped",
     "state_sure_share": "state sure",
     "state_changes_noticed_share": "changes noticed",
     "state_delay_median_s": "delay, s",
@@ -116,7 +118,9 @@ def tables(bench: Bench) -> list[Table]:
             "localized from a global start with default settings. Success: within 0.5 m and 10 degrees "
             "for 95 % of the "
             "run after convergence; errors are those after convergence; a state is sure from 0.8 on; "
-            "the delay of a "
+            "a patch is the state of all objects of its sub-map together, and where they were never seen "
+            "like this while the map was made no patch is right: how often one could be, and was, are columns "
+            "of their own; the delay of a "
             f"change in view is a median. Mean over {len(bench.seeds)} seeds, with the 5 and 95 % band "
             f"of its bootstrap. "
             "*Plain* is Monte Carlo localization without patches, in the filtered map of the same run "

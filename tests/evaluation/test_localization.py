@@ -101,6 +101,8 @@ def test_a_belief_that_follows_late_has_a_delay():
     assert values["state_delay_median_s"] == pytest.approx(2.0)
     assert values["state_changes_in_view"] == 7
     assert values["state_accuracy"] == pytest.approx((80 - 14) / 80)
+    assert values["state_mapped_share"] == 1.0
+    assert values["state_accuracy_when_mapped"] == values["state_accuracy"]
 
 
 def test_where_nothing_changes_there_is_no_delay():

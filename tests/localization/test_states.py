@@ -10,7 +10,7 @@ from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.localization.map_pool import FROM_ALL_SIDES, make_map_pool, surface_codes
-from dynmap_cli.localization.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import entropy_bits, place_sweep, state_evidence, update_belief
 from dynmap_cli.localization.tracking import localize_log
@@ -98,6 +98,19 @@ def test_what_a_state_does_not_know_tells_it_from_no_other():
     for shut in (True, False):
         said = evidence(shut, settings, make_map_pool(grid, [patch_set], settings))
         np.testing.assert_allclose(said.log_likelihoods[0], said.log_likelihoods[1])
+        assert said.n_beams == 0
+
+
+def test_beams_that_cross_the_rectangle_beside_what_differs_do_not_bring_it_into_view():
+    settings = LocalizationSettings()
+    grid, patch_set = world()
+    pool = make_map_pool(grid, [patch_set], settings)
+    pose = np.array([3.85, 0.5, 0.0])
+    sweep = sweep_of(log_of([True]), 0, 30.0)
+    along = np.degrees(sweep.directions_rad) > 80.0
+    ends = Sweep(sweep.sensor, sweep.directions_rad[along], np.full(along.sum(), 4.3), 30.0)
+    said = state_evidence(place_sweep(ends, pose), pool, pool.submaps[0], settings)
+    assert said.n_beams == 0
 
 
 def test_a_person_in_front_of_the_door_says_nothing():

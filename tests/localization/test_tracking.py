@@ -42,7 +42,7 @@ def test_pose_and_state_are_found_without_a_start(run, states, sensor):
     found = localize(run, states=states, sensor=sensor)
     assert_close(found, run)
     assert {row.verdict for row in found.health} == {"tracking"}
-    assert_right_states_within(found, run, metres=2.0)
+    assert_right_states_within(found, run, metres=1.0)
 
 
 def assert_right_states_within(found, run, metres):
