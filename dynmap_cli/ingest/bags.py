@@ -46,7 +46,7 @@ class UnreadableBagError(Exception):
         self.why = why
 
 
-def read_bag(path: Path, name: str, kind: str) -> RawRecording:
+def read_bag(path: Path, name: str, kind: str, folder: Path | None = None) -> RawRecording:
     """Read the laser scans, odometry and transforms of a bag.
 
     Parameters
@@ -55,6 +55,8 @@ def read_bag(path: Path, name: str, kind: str) -> RawRecording:
         A ROS 1 bag, a ROS 2 folder with metadata.yaml, or a lone .db3 or .mcap file.
     name, kind : str
         For messages: what the operator called it, and what it is.
+    folder : Path or None
+        On which disk ranges lie that do not fit into memory.
 
     Raises
     ------
@@ -68,7 +70,7 @@ def read_bag(path: Path, name: str, kind: str) -> RawRecording:
         topics = [
             Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
         ]
-        recording = RawRecording(name, kind, topics)
+        recording = RawRecording(name, kind, topics, folder=folder)
         take_messages(recording, _messages(reader, recording))
     return recording
 

@@ -15,15 +15,17 @@ from dynmap_cli.ingest.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
     are_coordinates,
+    are_stamps,
     is_stamp,
     is_sweep,
     printable,
 )
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform, ScanShape
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 _LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
 _LONGEST_SWEEP_S = 60.0
+_NO_STAMP = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +89,7 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     if fault or shape is None:
         recording.dropped[f"scan on {message.topic} {fault}"] += 1
         return
-    laser = recording.lasers.setdefault(
-        message.topic, RawLaser(message.topic, plain_frame(scan.header.frame_id))
-    )
+    laser = recording.laser(message.topic, plain_frame(scan.header.frame_id))
     interval_s = float(scan.time_increment)
     if not 0.0 <= interval_s * ranges_m.size <= _LONGEST_SWEEP_S:
         interval_s = math.nan
@@ -145,8 +145,7 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
             message.topic, plain_frame(odometry.header.frame_id), plain_frame(odometry.child_frame_id)
         ),
     )
-    track.stamps_ns.append(stamp_ns)
-    track.poses.append(values)
+    track.add(stamp_ns, values)
 
 
 def yaw_of(q: Any) -> float:
@@ -165,19 +164,20 @@ def _take_transforms(recording: RawRecording, message: Message) -> None:
         kept = transforms.get(pair)
         if kept is None:
             kept = transforms[pair] = RawTransform(message.topic.endswith("tf_static"))
-        kept.stamps_ns.append(header.stamp.sec * 10**9 + header.stamp.nanosec)
-        kept.values.append((move.x, move.y, move.z, q.x, q.y, q.z, q.w))
+        stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+        values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
+        kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, values)
 
 
 def _clean_transforms(recording: RawRecording) -> None:
     """Name frames without slashes and drop what is no rotation; done once at the end, for tf is most of many bags."""
     found, recording.transforms = recording.transforms, {}
     for (parent, child), raw in found.items():
-        values = np.array(raw.values)
+        values = raw.values
         length = (np.clip(values[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
         is_pose = (np.abs(values[:, :3]) <= FARTHEST_M).all(axis=1)
         is_pose &= (length >= _LEAST_QUATERNION) & (length <= _MOST_QUATERNION)
-        is_pose &= [is_stamp(stamp_ns) for stamp_ns in raw.stamps_ns]
+        is_pose &= are_stamps(raw.stamps_ns)
         if not is_pose.all():
             recording.dropped["transform that is no pose or has no possible time"] += int(
                 np.count_nonzero(~is_pose)
@@ -186,20 +186,19 @@ def _clean_transforms(recording: RawRecording) -> None:
             continue
         pair = plain_frame(parent), plain_frame(child)
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
-        kept.stamps_ns += [stamp for stamp, good in zip(raw.stamps_ns, is_pose, strict=True) if good]
-        kept.values += [value for value, good in zip(raw.values, is_pose, strict=True) if good]
+        kept.add_many(raw.stamps_ns[is_pose], raw.values[is_pose])
 
 
 def mend_stamps(recording: RawRecording) -> None:
     """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
     for laser in recording.lasers.values():
-        unstamped = laser.stamps_ns.count(0)
-        if len(set(laser.stamps_ns)) == 1 and (unstamped or laser.n_scans > 1):
-            laser.stamps_ns = list(laser.logged_ns)
+        unstamped = int(np.count_nonzero(laser.stamps_ns == 0))
+        if np.ptp(laser.stamps_ns) == 0 and (unstamped or laser.n_scans > 1):
+            laser.stamps_ns = laser.logged_ns
             found = "no scan has a time stamp" if unstamped else "all scans have the same time stamp"
             recording.warnings.append(
                 f"{laser.name}: {found}; the times of recording are used, they come later"
             )
         elif unstamped:
-            laser.keep([stamp != 0 for stamp in laser.stamps_ns])
+            laser.keep(laser.stamps_ns != 0)
             recording.dropped[f"scan on {laser.name} without a time stamp"] += unstamped
