@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -176,6 +177,19 @@ class RangeStore:
             part = self.read(place, place + count) if values is None else values[place : place + count]
             into[row, :count] = part
 
+    def as_table(self, n_rows: int, width: int) -> F32 | None:
+        """The numbers themselves as a table that can be written to, if they are in one file and as many as it has."""
+        self._settle()
+        if not self._parts or self._size != n_rows * width:
+            return None
+        file, *rest = self._parts
+        if not isinstance(file, _InFile) or any(isinstance(part, _InFile) for part in rest):
+            return None
+        for part in rest:
+            file.add(np.asarray(part))
+        self._parts, self._starts = [file], [0]
+        return file.as_table(n_rows, width)
+
 
 class _InFile:
     """Numbers in a file."""
@@ -191,6 +205,10 @@ class _InFile:
         self._stream.seek(4 * start)
         return np.frombuffer(self._stream.read(4 * (stop - start)), dtype=np.float32)
 
+    def as_table(self, n_rows: int, width: int) -> F32:
+        self._stream.flush()
+        return np.memmap(self._stream, dtype=np.float32, mode="r+", shape=(n_rows, width))
+
 
 def new_table(n_rows: int, width: int, folder: Path | None) -> F32:
     """A table (n_rows, width) to be filled: in memory if it is small, otherwise mapped from a nameless file."""
@@ -198,6 +216,9 @@ def new_table(n_rows: int, width: int, folder: Path | None) -> F32:
         return np.empty((n_rows, width), dtype=np.float32)
     # The mapping keeps the file.
     with tempfile.TemporaryFile(dir=folder) as stream:
+        # On a full disk this fails, where writing to the mapping would end the process.
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(stream.fileno(), 0, 4 * n_rows * width)
         return np.memmap(stream, dtype=np.float32, mode="w+", shape=(n_rows, width))
 
 

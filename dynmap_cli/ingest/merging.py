@@ -221,7 +221,8 @@ def columns_of(
     dropped : Counter
         Copies of sweeps are added to it.
     folder : Path or None
-        On which disk ranges lie that do not fit into memory.
+        On which disk ranges lie that do not fit into memory; where there is one, a laser may lose its ranges to the
+        columns.
     """
     table: dict[tuple[int, ScanShape], int] = {}
     stamps, numbers, geometry, recording = [], [], [], []
@@ -257,6 +258,10 @@ def columns_of(
 
 def _in_order(lasers: Sequence[RawLaser], order: I64, folder: Path | None) -> F32:
     """Ranges (n, widest) of all lasers, one after the other, in the given order; missing beams are NaN."""
+    if folder is not None and len(lasers) == 1 and (np.diff(order) == 1).all():
+        taken = lasers[0].taken_ranges()
+        if taken is not None:
+            return taken
     ends = np.cumsum([laser.n_scans for laser in lasers])
     widest = max(int(laser.n_beams.max()) for laser in lasers)
     table = new_table(order.size, widest, folder)

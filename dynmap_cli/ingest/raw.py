@@ -133,6 +133,14 @@ class RawLaser:
         lengths = self._lengths[self.shape_index[numbers]]
         self._ranges.fill(into, self._places.rows[numbers], lengths)
 
+    def taken_ranges(self) -> F32 | None:
+        """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one file in order."""
+        lengths, places = self.n_beams, self._places.rows
+        width = int(lengths[0])
+        if (lengths != width).any() or (places != width * np.arange(places.size)).any():
+            return None
+        return self._ranges.as_table(places.size, width)
+
     def shape_of(self, number: int) -> ScanShape:
         """Shape of one sweep."""
         return self.shape_table[int(self._shape_index.rows[number])]

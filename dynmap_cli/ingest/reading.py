@@ -49,6 +49,7 @@ from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.wean import read_wean
 
 _log = logging.getLogger(__name__)
@@ -83,7 +84,7 @@ def read_recordings(
     LogError
         If there is nothing to read, it is damaged, or it holds no laser.
     """
-    return merge_recordings(load_recordings(paths, settings, folder), settings, folder)
+    return merge_recordings(load_recordings(paths, settings, Space(folder)), settings, folder)
 
 
 def merge_recordings(
@@ -152,13 +153,14 @@ def _merge_drive(
 
 
 def load_recordings(
-    paths: Sequence[Path], settings: IngestSettings, folder: Path | None = None
+    paths: Sequence[Path], settings: IngestSettings, space: Space | None = None
 ) -> list[RawRecording]:
     """Read all recordings as they are."""
+    space = space or Space()
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
         sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        recordings = [_load(source, settings, folder) for source in sources]
+        recordings = [_load(source, settings, space) for source in sources]
     for recording in recordings:
         if settings.strict and recording.damage:
             raise _refused(recording)
@@ -192,13 +194,13 @@ def _lost(recording: RawRecording) -> str:
     return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
-def _load(source: Source, settings: IngestSettings, folder: Path | None) -> RawRecording:
+def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
     """Read one recording with the reader of its format."""
     _log.debug("%s: %s", source.name, source.kind)
     if source.kind == "carmen":
-        return read_carmen(source.path, source.name, folder)
+        return read_carmen(source.path, source.name, space.folder)
     if source.kind == "wean":
-        return read_wean(source.path, source.name, folder)
+        return read_wean(source.path, source.name, space.folder)
     # Text logs do without the libraries for bags.
     from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
     from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
@@ -206,9 +208,9 @@ def _load(source: Source, settings: IngestSettings, folder: Path | None) -> RawR
 
     kind = _BAG_NAMES[source.kind]
     try:
-        recording = read_bag(source.path, source.name, kind, folder)
+        recording = read_bag(source.path, source.name, kind, space)
     except UnreadableBagError as err:
-        recording = read_salvaged(source.path, source.name, kind, err, folder)
+        recording = read_salvaged(source.path, source.name, kind, err, space.folder)
     clouds = wanted_clouds(recording, settings)
     if clouds:
         add_clouds(recording, source.path, clouds, settings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,8 @@ from dynmap_cli.ingest.plausible import (
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform, ScanShape
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
-_LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
-_LONGEST_SWEEP_S = 60.0
+LEAST_QUATERNION, MOST_QUATERNION = 0.5, 4.0
+LONGEST_SWEEP_S = 60.0
 _NO_STAMP = -1
 
 
@@ -50,15 +51,25 @@ class Message:
 def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
     """Sort messages into lasers, odometry and transforms."""
     for message in messages:
-        recording.n_read += 1
-        if not is_stamp(message.logged_ns):
-            recording.dropped[f"message on {message.topic} recorded at no possible time"] += 1
-        elif message.msgtype in LASER_TYPES:
-            _take_scan(recording, message)
-        elif message.msgtype in ODOMETRY_TYPES:
-            _take_odometry(recording, message)
-        elif message.msgtype in TRANSFORM_TYPES:
-            _take_transforms(recording, message)
+        take_message(recording, message)
+    end_of_messages(recording)
+
+
+def take_message(recording: RawRecording, message: Message) -> None:
+    """Keep one message."""
+    recording.n_read += 1
+    if not is_stamp(message.logged_ns):
+        recording.dropped[f"message on {message.topic} recorded at no possible time"] += 1
+    elif message.msgtype in LASER_TYPES:
+        _take_scan(recording, message)
+    elif message.msgtype in ODOMETRY_TYPES:
+        _take_odometry(recording, message)
+    elif message.msgtype in TRANSFORM_TYPES:
+        _take_transforms(recording, message)
+
+
+def end_of_messages(recording: RawRecording) -> None:
+    """What can only be done when all messages were taken."""
     _clean_transforms(recording)
     mend_stamps(recording)
 
@@ -91,7 +102,7 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
         return
     laser = recording.laser(message.topic, plain_frame(scan.header.frame_id))
     interval_s = float(scan.time_increment)
-    if not 0.0 <= interval_s * ranges_m.size <= _LONGEST_SWEEP_S:
+    if not 0.0 <= interval_s * ranges_m.size <= LONGEST_SWEEP_S:
         interval_s = math.nan
     laser.add(stamp_ns, message.logged_ns, ranges_m, shape, interval_s)
 
@@ -105,13 +116,27 @@ def _ranges_of(scan: Any) -> F32:
 
 
 def shape_of(scan: Any, n_beams: int) -> ScanShape | None:
-    """Geometry of a LaserScan; None where its angles are not those of a laser.
+    """Geometry of a LaserScan; None where its angles are not those of a laser."""
+    return shape_of_angles(
+        float(scan.angle_min),
+        float(scan.angle_max),
+        float(scan.angle_increment),
+        float(scan.range_min),
+        float(scan.range_max),
+        n_beams,
+    )
+
+
+@lru_cache(maxsize=256)
+def shape_of_angles(
+    first: float, last: float, step: float, low: float, high: float, n_beams: int
+) -> ScanShape | None:
+    """Geometry from the angles and limits of a LaserScan; None where its angles are not those of a laser.
 
     The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
     is (nearly) zero or of the wrong sign the beams are spread between the two. Angles are rounded to 0.006 deg, so that
     sensors which compute them anew for each sweep do not get a geometry for each.
     """
-    first, last, step = float(scan.angle_min), float(scan.angle_max), float(scan.angle_increment)
     if abs(step) < _STEP_GRID_RAD or (last - first) * step < 0.0:
         step = (last - first) / max(n_beams - 1, 1)
     if not is_sweep(first, step, n_beams):
@@ -119,7 +144,6 @@ def shape_of(scan: Any, n_beams: int) -> ScanShape | None:
     increment_rad = round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12)
     if increment_rad == 0.0 and n_beams > 1:
         return None
-    low, high = float(scan.range_min), float(scan.range_max)
     return ScanShape(
         round(round(first / _ANGLE_GRID_RAD) * _ANGLE_GRID_RAD, 9),
         increment_rad,
@@ -150,7 +174,7 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
 
 def yaw_of(q: Any) -> float:
     """Heading of a quaternion message, radians; NaN where it is no rotation."""
-    if not _LEAST_QUATERNION <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= _MOST_QUATERNION:
+    if not LEAST_QUATERNION <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= MOST_QUATERNION:
         return math.nan
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
@@ -176,7 +200,7 @@ def _clean_transforms(recording: RawRecording) -> None:
         values = raw.values
         length = (np.clip(values[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
         is_pose = (np.abs(values[:, :3]) <= FARTHEST_M).all(axis=1)
-        is_pose &= (length >= _LEAST_QUATERNION) & (length <= _MOST_QUATERNION)
+        is_pose &= (length >= LEAST_QUATERNION) & (length <= MOST_QUATERNION)
         is_pose &= are_stamps(raw.stamps_ns)
         if not is_pose.all():
             recording.dropped["transform that is no pose or has no possible time"] += int(
