@@ -52,9 +52,9 @@ def text_container(recording: RawRecording, choices: TextChoices) -> Container:
     if track is not None:
         streams.append(writer.odometry(track))
     mountings = {_frame_of(laser): laser.robot_from_sensor for laser in recording.lasers.values()}
-    first_ns = min(min(laser.stamps_ns) for laser in recording.lasers.values())
+    first_ns = min(int(laser.stamps_ns.min()) for laser in recording.lasers.values())
     if track is not None:
-        first_ns = min(first_ns, *track.stamps_ns)
+        first_ns = min(first_ns, int(track.stamps_ns.min()))
     fixed = writer.mountings(first_ns, {name: pose for name, pose in mountings.items() if pose is not None})
     return Container("ros2", heapq.merge(fixed, *streams, key=lambda stored: stored.logged_ns))
 
@@ -83,10 +83,10 @@ class _Writer:
     def scans(self, laser: RawLaser, is_only_one: bool) -> Iterator[StoredMessage]:
         """Yield the sweeps of a laser by their stamps."""
         topic = "/scan" if is_only_one else f"/{laser.name.lower()}/scan"
-        period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
+        period_s = period_s_of(laser.stamps_ns)
         for number in np.argsort(laser.stamps_ns, kind="stable").tolist():
-            stamp_ns, shape = laser.stamps_ns[number], laser.shapes[number]
-            interval_s = laser.beam_interval_s[number]
+            stamp_ns, shape = int(laser.stamps_ns[number]), laser.shape_of(number)
+            interval_s = float(laser.beam_interval_s[number])
             fields = ScanFields(
                 shape.first_bearing_rad,
                 shape.first_bearing_rad + shape.increment_rad * (shape.n_beams - 1),
@@ -97,7 +97,7 @@ class _Writer:
                 min(shape.range_max_m, self._reach_m),
             )
             header = self._maker.header(stamp_ns, _frame_of(laser), 0)
-            message = self._maker.scan(header, fields, laser.ranges_m[number])
+            message = self._maker.scan(header, fields, laser.ranges_of(number))
             yield self._stored(stamp_ns, topic, SCAN, message)
 
     def odometry(self, track: RawOdometry) -> Iterator[StoredMessage]:

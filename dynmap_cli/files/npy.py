@@ -12,8 +12,11 @@ from typing import IO, Any
 
 import numpy as np
 
+from dynmap_cli.files.mapped import give_back
+
 Array = np.ndarray[Any, Any]
 _MAX_HEADER_BYTES = 4096
+_PIECE_BYTES = 1 << 22
 _MOST_UNPACKED_PER_BYTE = 1100
 """Deflate cannot do more; a file that says so lies."""
 
@@ -48,6 +51,16 @@ def read_npy(path: Path, column: Column, *, in_memory: bool) -> Array:
     if in_memory or 0 in shape:
         return np.fromfile(path, dtype=column.dtype, offset=offset).reshape(shape)
     return np.memmap(path, dtype=column.dtype, mode="r", offset=offset, shape=shape)
+
+
+def write_npy(path: Path, array: Array) -> None:
+    """Write an array in rows as np.save does; one that is mapped from a file passes through memory piece by piece."""
+    with path.open("wb") as stream:
+        np.lib.format.write_array_header_1_0(stream, np.lib.format.header_data_from_array_1_0(array))
+        step = max(1, _PIECE_BYTES // max(array.strides[0], 1)) if array.ndim else 1
+        for start in range(0, array.shape[0], step):
+            stream.write(array[start : start + step].tobytes())
+            give_back(array)
 
 
 def read_npz(path: Path, columns: Mapping[str, Column], max_bytes: int) -> dict[str, Array]:

@@ -11,7 +11,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import parse_json, read_text
-from dynmap_cli.files.npy import Array, Column, read_npy
+from dynmap_cli.files.npy import Array, Column, read_npy, write_npy
 
 _COLUMNS = {
     "stamps_ns": Column("<i8", (None,)),
@@ -32,7 +32,7 @@ SCAN_FILES = (*(f"scans/{name}.npy" for name in _COLUMNS), "scans/recordings.jso
 def write_scan_log(folder: Path, log: ScanLog) -> None:
     """Write each column to `<folder>/<name>.npy` and the recording names to recordings.json."""
     for name, column in _COLUMNS.items():
-        np.save(folder / f"{name}.npy", np.ascontiguousarray(getattr(log, name), dtype=column.dtype))
+        write_npy(folder / f"{name}.npy", np.ascontiguousarray(getattr(log, name), dtype=column.dtype))
     (folder / "recordings.json").write_text(json.dumps(list(log.recordings)) + "\n", encoding="utf-8")
 
 

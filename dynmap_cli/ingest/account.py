@@ -68,7 +68,7 @@ def report_on(
 def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None) -> LaserReport:
     """Say what is known of one laser."""
     laser = choice.view.laser
-    counts = [shape.n_beams for shape in laser.shapes]
+    counts = laser.n_beams
     stated = laser.usual_shape.range_max_m
     timing = timing_of(laser)
     mounting, verdict = decided or (choice.view.mounting, None)
@@ -82,7 +82,7 @@ def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None
         used=choice.used,
         why=choice.why,
         scans=laser.n_scans,
-        beams=(min(counts), max(counts)),
+        beams=(int(counts.min()), int(counts.max())),
         field_of_view_deg=round(float(np.degrees(choice.view.field_of_view_rad)), 2),
         rate_hz=timing.rate_hz,
         reach_m=round(stated, 3) if np.isfinite(stated) else None,

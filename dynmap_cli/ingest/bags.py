@@ -13,17 +13,21 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
+from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest import protobuf
+from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
-from dynmap_cli.ingest.kinds import TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.mcap_chunks import groups_of, messages_of
 from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
 from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import RawRecording, Topic
-from dynmap_cli.ingest.ros_messages import Message, take_messages
+from dynmap_cli.ingest.ros_messages import Message, end_of_messages
+from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.stored import Channel, words_of
 
 _log = logging.getLogger(__name__)
@@ -46,7 +50,7 @@ class UnreadableBagError(Exception):
         self.why = why
 
 
-def read_bag(path: Path, name: str, kind: str) -> RawRecording:
+def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
     """Read the laser scans, odometry and transforms of a bag.
 
     Parameters
@@ -55,9 +59,13 @@ def read_bag(path: Path, name: str, kind: str) -> RawRecording:
         A ROS 1 bag, a ROS 2 folder with metadata.yaml, or a lone .db3 or .mcap file.
     name, kind : str
         For messages: what the operator called it, and what it is.
+    space : Space
+        On which disk ranges lie that do not fit into memory.
 
     Raises
     ------
+    ArtifactError
+        If the disk is too full.
     UnreadableBagError
         If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
     """
@@ -68,8 +76,10 @@ def read_bag(path: Path, name: str, kind: str) -> RawRecording:
         topics = [
             Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
         ]
-        recording = RawRecording(name, kind, topics)
-        take_messages(recording, _messages(reader, recording))
+        recording = RawRecording(name, kind, topics, folder=space.folder)
+        space.reserve(name, *_expected(reader))
+        _take_all(reader, recording)
+        end_of_messages(recording)
     return recording
 
 
@@ -127,33 +137,125 @@ def _check_definitions(reader: AnyReader) -> None:
                 waiting.append(str(inner[1]))
 
 
-def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
-    """Messages of the types that are used, in the order of their recording."""
+def _expected(reader: AnyReader) -> tuple[int, int]:
+    """How many sweeps there are, and how many bytes their ranges are if all are as long as the first of a topic."""
+    n_scans, n_bytes = 0, 0
+    for connection in reader.connections:
+        if connection.msgtype not in LASER_TYPES:
+            continue
+        try:
+            *_, data = next(reader.messages(connections=[connection]))
+            first: Any = reader.deserialize(data, connection.msgtype)
+            length = 4 * len(first.ranges)
+        except Exception as err:
+            # None, or damaged: the same is found when all are read.
+            _log.debug("%s: %s", connection.topic, words_of(err))
+            continue
+        n_scans += connection.msgcount
+        n_bytes += connection.msgcount * length
+    return n_scans, n_bytes
+
+
+def _take_all(reader: AnyReader, recording: RawRecording) -> None:
+    """Take the messages of the types that are used, in the order of their recording."""
     wanted = [connection for connection in reader.connections if connection.msgtype in USED_TYPES]
     if not wanted:
         return
-    stream = reader.messages(connections=wanted)
-    found = 0
-    while True:
+
+    def decode(topic: str, message_type: str, logged_ns: int, data: bytes) -> list[Message]:
         try:
-            connection, logged_ns, raw = next(stream)
-        except StopIteration:
-            break
-        except Exception as err:
-            raise UnreadableBagError(words_of(err)) from err
-        found += 1
-        topic = printable(connection.topic)
-        try:
-            content: Any = reader.deserialize(raw, connection.msgtype)
-            said = as_ros(Message(topic, connection.msgtype, logged_ns, content))
+            content: Any = reader.deserialize(data, message_type)
+            return as_ros(Message(topic, message_type, logged_ns, content))
         except Exception as err:
             decoding_failed(recording, topic, err)
-            continue
-        yield from said
+            return []
+
+    usual = {connection.msgtype for connection in wanted if _is_usual(reader, connection.msgtype)}
+    batches = Batches(recording, decode, usual, is_cdr=reader.is2)
+    stream = _from_chunks(reader, wanted) or _from_reader(reader, wanted)
+    found = 0
+    for topic, message_type, logged_ns, data in stream:
+        found += 1
+        batches.add(topic, message_type, logged_ns, data)
+    batches.finish()
     stated = sum(connection.msgcount for connection in wanted)
     if found != stated:
         msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
         raise UnreadableBagError(msg)
+
+
+def _is_usual(reader: AnyReader, kind: str) -> bool:
+    """Whether a bag defines a type, and those inside it, as the standard does."""
+    standard = _ros2_types() if reader.is2 else _ros1_types()
+    waiting, seen = [kind], set()
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        if name not in standard.fielddefs or name not in reader.typestore.fielddefs:
+            return False
+        fields = standard.fielddefs[name][1]
+        if reader.typestore.fielddefs[name][1] != fields:
+            return False
+        for _, (node, detail) in fields:
+            inner = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
+            if inner[0] == Nodetype.NAME:
+                waiting.append(str(inner[1]))
+    return True
+
+
+Stored = tuple[str, str, int, bytes]
+"""Topic, message type, time of recording, data."""
+
+
+def _from_reader(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored]:
+    """Messages as rosbags gives them."""
+    names = {id(connection): printable(connection.topic) for connection in wanted}
+    stream = reader.messages(connections=wanted)
+    while True:
+        try:
+            connection, logged_ns, data = next(stream)
+        except StopIteration:
+            return
+        except Exception as err:
+            raise UnreadableBagError(words_of(err)) from err
+        yield names[id(connection)], connection.msgtype, logged_ns, data
+
+
+def _from_chunks(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored] | None:
+    """The same from the chunks of MCAP files; None where there are none, or messages are packed one by one."""
+    kinds = {(connection.topic, connection.msgtype) for connection in wanted}
+    parts = []
+    for inner in reader.readers:
+        outer = getattr(inner, "storage", None)
+        if outer is None or outer.metadata.compression_mode == "message" or len(reader.readers) > 1:
+            return None
+        for storage in getattr(outer, "storages", [outer]):
+            groups = groups_of(storage.chunks) if isinstance(storage, McapReader) else None
+            if not groups:
+                return None
+            parts.append((storage, groups))
+    return _cut_chunks(parts, kinds)
+
+
+def _cut_chunks(parts: list[tuple[Any, list[list[Any]]]], kinds: set[tuple[str, str]]) -> Iterator[Stored]:
+    """Yield the messages of some topics and types from the chunks of files."""
+    for storage, groups in parts:
+        channels = {
+            connection.id: (printable(connection.topic), connection.msgtype)
+            for connection in storage.connections
+            if (connection.topic, connection.msgtype) in kinds
+        }
+        wanted = set(channels)
+        for group in groups:
+            try:
+                found = messages_of(storage, group, wanted)
+            except Exception as err:
+                raise UnreadableBagError(words_of(err)) from err
+            for logged_ns, _, number, data in found:
+                topic, message_type = channels[number]
+                yield topic, message_type, logged_ns, data
 
 
 @functools.cache

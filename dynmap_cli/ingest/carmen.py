@@ -23,7 +23,7 @@ from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
 from dynmap_cli.ingest.plausible import are_coordinates, is_sweep, stamp_of_word, to_ranges_m
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, ScanShape, Topic
 from dynmap_cli.ingest.text_lines import text_lines
 
 _OLD_LASERS = (b"FLASER", b"RLASER")
@@ -37,9 +37,9 @@ _SICK_REACH_M = 80.0
 _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 
 
-def read_carmen(path: Path, name: str) -> RawRecording:
+def read_carmen(path: Path, name: str, folder: Path | None = None) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
-    reader = _Reader(RawRecording(name, "CARMEN text"))
+    reader = _Reader(RawRecording(name, "CARMEN text", folder=folder))
     for line in text_lines(path, reader.recording.drop_broken):
         words = line.split(None, 1)
         if words and not words[0].startswith(b"#"):
@@ -128,10 +128,7 @@ class _Reader:
 
     def _sweep(self, sweep: _Sweep, ranges_m: F32) -> None:
         """Keep a sweep with the poses of laser and robot."""
-        laser = self.recording.lasers.get(sweep.word)
-        if laser is None:
-            laser = self.recording.lasers[sweep.word] = RawLaser(sweep.word)
-        laser.add(sweep.stamp_ns, sweep.stamp_ns, ranges_m, sweep.shape)
+        self.recording.laser(sweep.word).add(sweep.stamp_ns, sweep.stamp_ns, ranges_m, sweep.shape)
         self.laser_poses.setdefault(sweep.word, []).append(sweep.poses)
         self._odometry(sweep.word, sweep.stamp_ns, sweep.poses[3:])
         self.recording.n_read += 1
@@ -141,8 +138,7 @@ class _Reader:
         track = self.recording.odometry.get(word)
         if track is None:
             track = self.recording.odometry[word] = RawOdometry(word)
-        track.stamps_ns.append(stamp_ns)
-        track.poses.append((pose[0], pose[1], pose[2]))
+        track.add(stamp_ns, (pose[0], pose[1], pose[2]))
 
     def _lost(self, word: str) -> None:
         """Count a line that does not parse."""
@@ -255,11 +251,11 @@ def mounting(robots: F64, lasers: F64) -> F64 | None:
 def replace_lost_stamps(recording: RawRecording) -> None:
     """Give sweeps one second each where all stamps are equal; order is all that is left then."""
     for word, laser in recording.lasers.items():
-        if laser.n_scans < 2 or len(set(laser.stamps_ns)) > 1:
+        if laser.n_scans < 2 or np.ptp(laser.stamps_ns) > 0:
             continue
-        stamps = [number * _NO_STAMP_STEP_NS for number in range(laser.n_scans)]
-        laser.stamps_ns, laser.logged_ns = stamps, list(stamps)
-        recording.odometry[word].stamps_ns = list(stamps)
+        stamps = _NO_STAMP_STEP_NS * np.arange(laser.n_scans)
+        laser.stamps_ns, laser.logged_ns = stamps, stamps
+        recording.odometry[word].stamps_ns = stamps
         recording.odometry.pop("ODOM", None)
         recording.warnings.append(
             f"{word}: all time stamps are the same, so sweeps keep their order and are put 1 s apart; "

@@ -40,9 +40,9 @@ def part_clocks(recordings: Sequence[RawRecording], max_gap_s: float) -> None:
 def _move(recording: RawRecording, shift_ns: int) -> None:
     """Add a time to all stamps of a recording."""
     for laser in recording.lasers.values():
-        laser.stamps_ns[:] = [stamp + shift_ns for stamp in laser.stamps_ns]
-        laser.logged_ns[:] = [stamp + shift_ns for stamp in laser.logged_ns]
+        laser.stamps_ns = laser.stamps_ns + shift_ns
+        laser.logged_ns = laser.logged_ns + shift_ns
     for odometry in recording.odometry.values():
-        odometry.stamps_ns[:] = [stamp + shift_ns for stamp in odometry.stamps_ns]
+        odometry.stamps_ns = odometry.stamps_ns + shift_ns
     for transform in recording.transforms.values():
-        transform.stamps_ns[:] = [stamp + shift_ns for stamp in transform.stamps_ns]
+        transform.stamps_ns = transform.stamps_ns + shift_ns

@@ -20,7 +20,7 @@ from dynmap_cli.ingest.frames import FrameTree, make_edge, matrices, planar
 from dynmap_cli.ingest.kinds import CLOUD_TYPES
 from dynmap_cli.ingest.odometry import find_base
 from dynmap_cli.ingest.plausible import LONGEST_RANGE_M, is_stamp
-from dynmap_cli.ingest.raw import RawLaser, RawRecording, ScanShape
+from dynmap_cli.ingest.raw import RawRecording, ScanShape
 from dynmap_cli.ingest.ros_messages import mend_stamps, plain_frame, stamp_of
 from dynmap_cli.ingest.salvage import stored_messages
 from dynmap_cli.ingest.settings import IngestSettings
@@ -71,7 +71,7 @@ def add_clouds(recording: RawRecording, path: Path, topics: set[str], settings: 
             continue
         if topic not in views:
             frame = plain_frame(cloud.header.frame_id)
-            recording.lasers[topic] = RawLaser(topic, frame)
+            recording.laser(topic, frame)
             base = find_base(recording, tree, settings)
             views[topic] = _View(
                 frame, base, _assumed_pose(settings), is_on_robot=frame not in tree.parents(base)

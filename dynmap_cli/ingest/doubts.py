@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64
+from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.files.mapped import give_back
+from dynmap_cli.ingest.columns import blocks_of
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawLaser, RawRecording
 from dynmap_cli.ingest.track_quality import jumps_m
@@ -26,27 +28,25 @@ def drop_impossible(recording: RawRecording) -> None:
     if not recording.lasers:
         return
     lasers = list(recording.lasers.values())
-    middle_ns = int(
-        np.median(np.concatenate([np.array(laser.stamps_ns, dtype=np.int64) for laser in lasers]))
-    )
+    middle_ns = int(np.median(np.concatenate([laser.stamps_ns for laser in lasers])))
     for laser in lasers:
-        is_near = np.abs(np.array(laser.stamps_ns, dtype=np.int64) - middle_ns) <= _LONGEST_DRIVE_NS
+        is_near = np.abs(laser.stamps_ns - middle_ns) <= _LONGEST_DRIVE_NS
         if not is_near.all():
             recording.dropped[
                 f"scan on {laser.name} stamped more than a week from the others, as after a clock was set"
             ] += int(np.count_nonzero(~is_near))
-            laser.keep(is_near.tolist())
+            laser.keep(is_near)
         if laser.n_scans == 0:
             del recording.lasers[laser.name]
             continue
-        n_beams = np.array([shape.n_beams for shape in laser.shapes])
+        n_beams = laser.n_beams
         usual = int(np.median(n_beams))
         is_usual = n_beams <= _MOST_BEAMS * usual
         if not is_usual.all():
             recording.dropped[
                 f"scan on {laser.name} with over {_MOST_BEAMS} times the usual {usual} beams"
             ] += int(np.count_nonzero(~is_usual))
-            laser.keep(is_usual.tolist())
+            laser.keep(is_usual)
         _note_beam_intervals(recording, laser.name)
 
 
@@ -64,7 +64,7 @@ def _note_beam_intervals(recording: RawRecording, name: str) -> None:
 def note_stamps(lasers: Sequence[RawLaser], recording: RawRecording) -> None:
     """Say how far stamps go back, and how long nothing was recorded: both happen when a clock is set."""
     for laser in lasers:
-        stamps_ns = np.array(laser.stamps_ns, dtype=np.int64)
+        stamps_ns = laser.stamps_ns
         back_s = -float(np.diff(stamps_ns).min(initial=0)) * 1e-9
         pause_s = float(np.diff(np.sort(stamps_ns)).max(initial=0)) * 1e-9
         if back_s > _CLOCK_SET_S:
@@ -102,7 +102,7 @@ def note_track(recording: RawRecording, source: str) -> None:
     track = recording.odometry.get(source)
     if track is None or source in recording.lasers:
         return
-    steps_ns = np.diff(np.array(track.stamps_ns, dtype=np.int64))
+    steps_ns = np.diff(track.stamps_ns)
     backward, repeated = int(np.count_nonzero(steps_ns < 0)), int(np.count_nonzero(steps_ns == 0))
     if backward or repeated:
         recording.warnings.append(
@@ -116,8 +116,8 @@ def stamps_jump(columns: Columns, out_of_order: int, recording: RawRecording) ->
     if not out_of_order or len(columns.geometries) > 1:
         return False
     recorded = np.argsort(columns.reading_index, kind="stable")
-    clipped = np.minimum(np.nan_to_num(columns.ranges_m, nan=_ALIKE_RANGE_M), _ALIKE_RANGE_M)
-    along_stamps, as_recorded = _mean_change_m(clipped), _mean_change_m(clipped[recorded])
+    along_stamps = _mean_change_m(columns.ranges_m, np.arange(recorded.size))
+    as_recorded = _mean_change_m(columns.ranges_m, recorded)
     jump = along_stamps > _ZIGZAG * as_recorded
     if jump:
         recording.warnings.append(
@@ -127,6 +127,12 @@ def stamps_jump(columns: Columns, out_of_order: int, recording: RawRecording) ->
     return jump
 
 
-def _mean_change_m(ranges_m: F32) -> float:
-    """Mean over the scans of the median change of a beam since the scan before."""
-    return float(np.median(np.abs(np.diff(ranges_m, axis=0)), axis=1).mean())
+def _mean_change_m(ranges_m: F32, order: I64) -> float:
+    """Mean over the scans, in an order (n,), of the median change of a beam since the scan before."""
+    changes_m = []
+    for rows in blocks_of(ranges_m):
+        block = ranges_m[order[rows.start : rows.stop + 1]]
+        clipped = np.minimum(np.nan_to_num(block, nan=_ALIKE_RANGE_M), _ALIKE_RANGE_M)
+        changes_m.append(np.median(np.abs(np.diff(clipped, axis=0)), axis=1))
+        give_back(ranges_m)
+    return float(np.concatenate(changes_m).mean())

@@ -58,7 +58,7 @@ class Edge:
 
 def make_edge(raw: RawTransform) -> Edge:
     """Sort the transforms of one pair of frames; a transform that is repeated unchanged counts as fixed."""
-    stamps_ns, values = sorted_by_stamp(raw.stamps_ns, raw.values, 7)
+    stamps_ns, values = sorted_by_stamp(raw.stamps_ns, raw.values)
     moved, turned = values[:, :3], values[:, 3:] / np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
     is_same = (np.abs(moved - moved[0]) < _SAME_M).all() and (
         np.abs(turned @ turned[0]) > 1.0 - _SAME_QUATERNION**2

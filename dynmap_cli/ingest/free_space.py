@@ -52,9 +52,13 @@ class Contradiction:
     of_returns: float
 
 
-def find_contradiction(
-    sweeps: Sweeps, is_return: B1, is_no_return: B1, reach_m: float
-) -> Contradiction | None:
+def kinds_of(ranges_m: F32, range_min_m: float, reach_m: float) -> tuple[B1, B1]:
+    """Which values are returns, and which say that there was none, each of the shape of the ranges."""
+    is_return = (ranges_m >= np.float32(range_min_m)) & (ranges_m < np.float32(reach_m)) & (ranges_m > 0.0)
+    return is_return, ranges_m >= np.float32(reach_m)
+
+
+def find_contradiction(sweeps: Sweeps, range_min_m: float, reach_m: float) -> Contradiction | None:
     """Trace beams through grids of 20 cm drawn from 60 scans each, short enough for odometry to hold.
 
     Where the odometry leaves 500 m within these it does not hold, and they are passed over. A cell is solid where at
@@ -63,9 +67,8 @@ def find_contradiction(
     Parameters
     ----------
     sweeps : Sweeps
-    is_return, is_no_return : (n, n_beams) bool
-        What the values of the sweeps are.
-    reach_m : float
+    range_min_m, reach_m : float
+        Returns lie between them.
 
     Returns
     -------
@@ -81,11 +84,13 @@ def find_contradiction(
         scans = scans[np.isfinite(origins[scans]).all(axis=1)]
         if scans.size < _LEAST_HITS or np.ptp(origins[scans, :2], axis=0).max() > _WIDEST_M:
             continue
-        length_m = np.where(is_return[scans, picked], ranges_m[scans, picked], np.inf)
+        values = np.array(ranges_m[scans])[:, picked]
+        is_return, is_no_return = kinds_of(values, range_min_m, reach_m)
+        length_m = np.where(is_return, values, np.inf)
         bearings_rad = sweeps.bearings_rad[sweeps.geometry_index[scans], picked]
         angle_rad = origins[scans, 2, None] + bearings_rad
         crosses = _crosses_solid(length_m, angle_rad, origins[scans, :2], farthest_m)
-        for kind, mask in enumerate((is_no_return[scans, picked], is_return[scans, picked])):
+        for kind, mask in enumerate((is_no_return, is_return)):
             crossing[kind] += np.count_nonzero(crosses & mask)
             counted[kind] += np.count_nonzero(mask)
     if counted.min() < _LEAST_BEAMS:

@@ -53,7 +53,7 @@ class LaserView:
             abs(shape.first_bearing_rad),
             abs(shape.increment_rad),
             shape.range_max_m,
-            any(interval_s > 0.0 for interval_s in self.laser.beam_interval_s),
+            bool((self.laser.beam_interval_s > 0.0).any()),
         )
 
 
@@ -85,12 +85,12 @@ def _view(laser: RawLaser, tree: FrameTree, base: str) -> LaserView:
             laser.robot_from_sensor, is_upside_down=False, is_level=True, moves=False
         )
     else:
-        mounting = find_mounting(tree, base, laser.frame, np.array(laser.stamps_ns, dtype=np.int64))
+        mounting = find_mounting(tree, base, laser.frame, laser.stamps_ns)
     shape = laser.usual_shape
     picked = np.linspace(0, laser.n_scans - 1, min(_SAMPLED_SWEEPS, laser.n_scans)).astype(np.int64)
-    values = np.concatenate([laser.ranges_m[number] for number in picked])
+    values = np.concatenate([laser.ranges_of(number) for number in picked.tolist()])
     values = values[np.isfinite(values) & (values > 0.0) & (values < np.float32(shape.range_max_m))]
-    delays = np.array(laser.logged_ns, dtype=np.int64) - np.array(laser.stamps_ns, dtype=np.int64)
+    delays = laser.logged_ns - laser.stamps_ns
     return LaserView(
         laser,
         mounting,

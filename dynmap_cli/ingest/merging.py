@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
+from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.clocks import UNDATED_BEFORE_NS
+from dynmap_cli.ingest.columns import blocks_of, kept_rows, new_table
 from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
 
 _OVERLAP_S = 1.0
@@ -96,7 +98,7 @@ def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> 
     """
     gap_s = (later.span_ns[0] - earlier.span_ns[1]) * 1e-9
     if gap_s < -_OVERLAP_S:
-        if _stamps(earlier) == _stamps(later):
+        if _have_same_stamps(earlier, later):
             msg = f"{earlier.name} and {later.name}: the same recording. Pass it once."
             raise LogError(msg)
         raise _at_the_same_time(earlier.name, later.name, -gap_s)
@@ -110,31 +112,24 @@ def _why_apart(earlier: RawRecording, later: RawRecording, max_gap_s: float) -> 
     return ""
 
 
-def _stamps(recording: RawRecording) -> dict[str, list[int]]:
-    """Stamps of the sweeps of each laser."""
-    return {name: laser.stamps_ns for name, laser in recording.lasers.items()}
+def _have_same_stamps(a: RawRecording, b: RawRecording) -> bool:
+    """Whether two recordings have the same lasers, and these the same stamps."""
+    return a.lasers.keys() == b.lasers.keys() and all(
+        np.array_equal(laser.stamps_ns, b.lasers[name].stamps_ns) for name, laser in a.lasers.items()
+    )
 
 
 def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     """Add the content of one recording."""
     for name, laser in recording.lasers.items():
-        into = joined.lasers.setdefault(
-            name, RawLaser(name, laser.frame, robot_from_sensor=laser.robot_from_sensor)
-        )
-        into.stamps_ns += laser.stamps_ns
-        into.logged_ns += laser.logged_ns
-        into.ranges_m += laser.ranges_m
-        into.shapes += laser.shapes
-        into.beam_interval_s += laser.beam_interval_s
-        into.recording += [number] * laser.n_scans
+        into = joined.lasers.setdefault(name, RawLaser(name, laser.frame, laser.robot_from_sensor))
+        into.append(laser, number)
     for name, track in recording.odometry.items():
         kept = joined.odometry.setdefault(name, RawOdometry(name, track.frame, track.child))
-        kept.stamps_ns += track.stamps_ns
-        kept.poses += track.poses
+        kept.add_many(track.stamps_ns, track.poses)
     for pair, transform in recording.transforms.items():
         edge = joined.transforms.setdefault(pair, RawTransform(transform.is_static))
-        edge.stamps_ns += transform.stamps_ns
-        edge.values += transform.values
+        edge.add_many(transform.stamps_ns, transform.values)
     joined.topics += recording.topics
     joined.dropped += recording.dropped
     joined.damage += recording.damage
@@ -207,33 +202,48 @@ class Columns:
 
     def keep(self, scans: B1 | slice) -> None:
         """Forget all other sweeps."""
+        self.ranges_m = kept_rows(self.ranges_m, scans)
         self.stamps_ns = self.stamps_ns[scans]
-        self.ranges_m = self.ranges_m[scans]
         self.laser = self.laser[scans]
         self.geometry_index = self.geometry_index[scans]
         self.recording_index = self.recording_index[scans]
         self.reading_index = self.reading_index[scans]
 
 
-def columns_of(lasers: Sequence[RawLaser], dropped: Counter[str]) -> tuple[Columns, int]:
-    """Bring the sweeps of all lasers into time order; second result: how many were stamped before their predecessor."""
+def columns_of(
+    lasers: Sequence[RawLaser], dropped: Counter[str], folder: Path | None = None
+) -> tuple[Columns, int]:
+    """Bring the sweeps of all lasers into time order; second result: how many were stamped before their predecessor.
+
+    Parameters
+    ----------
+    lasers : sequence of RawLaser
+    dropped : Counter
+        Copies of sweeps are added to it.
+    folder : Path or None
+        On which disk ranges lie that do not fit into memory; where there is one, a laser may lose its ranges to the
+        columns.
+    """
     table: dict[tuple[int, ScanShape], int] = {}
     stamps, numbers, geometry, recording = [], [], [], []
     backwards = 0
     for number, laser in enumerate(lasers):
-        stamps.append(np.array(laser.stamps_ns, dtype=np.int64))
+        stamps.append(laser.stamps_ns)
         backwards += int(np.count_nonzero(np.diff(stamps[-1]) < 0))
         numbers.append(np.full(laser.n_scans, number, dtype=np.int32))
-        geometry.append([table.setdefault((number, shape), len(table)) for shape in laser.shapes])
-        recording.append(np.array(laser.recording, dtype=np.int32))
+        _, first = np.unique(laser.shape_index, return_index=True)
+        rows = np.zeros(len(laser.shape_table), dtype=np.int32)
+        for shape in laser.shape_index[np.sort(first)].tolist():
+            rows[shape] = table.setdefault((number, laser.shape_table[shape]), len(table))
+        geometry.append(rows[laser.shape_index])
+        recording.append(laser.recording)
     order = np.argsort(np.concatenate(stamps), kind="stable")
     geometries = list(table)
-    index = np.concatenate([np.array(part, dtype=np.int32) for part in geometry])[order]
     columns = Columns(
         np.concatenate(stamps)[order],
-        _padded([sweep for laser in lasers for sweep in laser.ranges_m], order),
+        _in_order(lasers, order, folder),
         np.concatenate(numbers)[order],
-        index,
+        np.concatenate(geometry)[order],
         np.concatenate(recording)[order],
         geometries,
         _beam_intervals(lasers, geometries),
@@ -246,14 +256,31 @@ def columns_of(lasers: Sequence[RawLaser], dropped: Counter[str]) -> tuple[Colum
     return columns, backwards
 
 
-def _padded(sweeps: list[F32], order: I64) -> F32:
-    """Stack sweeps (n, widest) in the given order; missing beams are NaN."""
-    widest = max(sweep.size for sweep in sweeps)
-    result = np.full((len(sweeps), widest), np.nan, dtype=np.float32)
-    for row, number in enumerate(order.tolist()):
-        sweep = sweeps[number]
-        result[row, : sweep.size] = sweep
-    return result
+def _in_order(lasers: Sequence[RawLaser], order: I64, folder: Path | None) -> F32:
+    """Ranges (n, widest) of all lasers, one after the other, in the given order; missing beams are NaN."""
+    if folder is not None and len(lasers) == 1 and (np.diff(order) == 1).all():
+        taken = lasers[0].taken_ranges()
+        if taken is not None:
+            return taken
+    ends = np.cumsum([laser.n_scans for laser in lasers])
+    widest = max(int(laser.n_beams.max()) for laser in lasers)
+    table = new_table(order.size, widest, folder)
+    for rows in blocks_of(table):
+        numbers = order[rows]
+        block = np.full((numbers.size, widest), np.nan, dtype=np.float32)
+        owners = np.searchsorted(ends, numbers, side="right")
+        for owner, laser in enumerate(lasers):
+            own = owners == owner
+            before = int(ends[owner]) - laser.n_scans
+            if own.all():
+                laser.fill(block, numbers - before)
+            elif own.any():
+                part = np.full((int(np.count_nonzero(own)), widest), np.nan, dtype=np.float32)
+                laser.fill(part, numbers[own] - before)
+                block[own] = part
+        table[rows] = block
+        give_back(table)
+    return table
 
 
 def _repeated(columns: Columns) -> B1:
@@ -271,15 +298,12 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
     result = np.zeros(len(geometries))
     rows = {geometry: row for row, geometry in enumerate(geometries)}
     for number, laser in enumerate(lasers):
-        period_s = period_s_of(np.array(laser.stamps_ns, dtype=np.int64))
-        values: dict[ScanShape, list[float]] = {}
-        for shape, interval_s in zip(laser.shapes, laser.beam_interval_s, strict=True):
-            if math.isfinite(interval_s):
-                values.setdefault(shape, []).append(interval_s)
-        for shape, intervals in values.items():
-            interval_s = float(np.median(intervals))
-            if interval_s * shape.n_beams <= _ABSURD_SWEEP * period_s:
-                result[rows[number, shape]] = interval_s
+        period_s = period_s_of(laser.stamps_ns)
+        known = np.isfinite(laser.beam_interval_s)
+        for shape in np.unique(laser.shape_index[known]).tolist():
+            interval_s = float(np.median(laser.beam_interval_s[known & (laser.shape_index == shape)]))
+            if interval_s * laser.shape_table[shape].n_beams <= _ABSURD_SWEEP * period_s:
+                result[rows[number, laser.shape_table[shape]]] = interval_s
     return result
 
 

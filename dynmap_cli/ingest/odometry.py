@@ -31,6 +31,7 @@ _LEAST_COVER = 0.9
 _LEAST_PATH_M = 0.02
 _MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _NONE_WORDS = "none"
+_POSES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,12 +199,9 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
         return None
     if any(_last(frame) in _GLOBAL_FRAMES for frame in steps):
         return None
-    poses = tree.transform(odom, base, stamps_ns)
-    if poses is None:
-        return None
     edges = [tree.edge_between(a, b) for a, b in pairwise(steps)]
     gaps = [float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9 for edge in edges]
-    flat = planar(poses)
+    flat = _planar_at(tree, odom, base, stamps_ns)
     known = flat[np.isfinite(flat).all(axis=1)]
     path_m = path_length_m(known)
     return Odometry(
@@ -214,6 +212,16 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
         path_m,
         rate_hz=min((_rate_hz(edge.stamps_ns) for edge in edges if not edge.is_fixed), default=0.0),
     )
+
+
+def _planar_at(tree: FrameTree, target: str, source: str, stamps_ns: I64) -> F64:
+    """target_from_source (n, 3) in the plane at each time, of two frames that are joined; in blocks, to save memory."""
+    result = np.empty((stamps_ns.size, 3))
+    for start in range(0, stamps_ns.size, _POSES_AT_ONCE):
+        rows = slice(start, start + _POSES_AT_ONCE)
+        poses = tree.transform(target, source, stamps_ns[rows])
+        result[rows] = np.nan if poses is None else planar(poses)
+    return result
 
 
 def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) -> Odometry:
@@ -227,7 +235,7 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
         else:
             why = f"odometry messages; '{track.child}' taken to be '{base}'"
     gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
-    path_m = path_length_m(np.array(track.poses))
+    path_m = path_length_m(track.poses)
     at_sweeps = interpolate(stamps, poses, stamps_ns)
     return Odometry(track.name, why, at_sweeps, gap_s, path_m, rate_hz=_rate_hz(stamps))
 

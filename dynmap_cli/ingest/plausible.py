@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64
+from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.files.trajectory import parse_stamp
 
 LATEST_NS = 2**62
@@ -25,6 +25,11 @@ _LARGEST_F32 = float(np.finfo(np.float32).max)
 def is_stamp(stamp_ns: int) -> bool:
     """Whether nanoseconds since the epoch are a time."""
     return 0 <= stamp_ns < LATEST_NS
+
+
+def are_stamps(stamps_ns: I64) -> B1:
+    """(n,) whether nanoseconds since the epoch are times."""
+    return np.asarray((stamps_ns >= 0) & (stamps_ns < LATEST_NS))
 
 
 def stamp_of_word(word: bytes) -> int:

@@ -18,13 +18,17 @@ The policy `auto` decides per laser, from the recording:
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from dynmap_cli.arrays import F32
-from dynmap_cli.ingest.free_space import Contradiction, Sweeps, find_contradiction
+from dynmap_cli.arrays import B1, F32
+from dynmap_cli.files.mapped import give_back
+from dynmap_cli.ingest.columns import blocks_of
+from dynmap_cli.ingest.free_space import Contradiction, Sweeps, find_contradiction, kinds_of
 from dynmap_cli.ingest.plausible import LONGEST_RANGE_M
 
 Policy = Literal["auto", "free", "ignore"]
@@ -69,18 +73,33 @@ def find_reach_m(ranges_m: F32) -> float:
     they are three times as frequent as values per percent of distance are below (90 to 99 % of the largest). A wall
     scatters more. Without codes the reach lies just above the largest value. Values that no laser measures are codes.
     """
-    finite = ranges_m[np.abs(ranges_m) <= LONGEST_RANGE_M]
-    largest = float(finite.max(initial=0.0))
+    largest = max((float(finite.max(initial=0.0)) for finite in _measurable(ranges_m)), default=0.0)
     if largest <= 0.0:
         return LONGEST_RANGE_M
-    top = finite[finite >= _CODE_WINDOW * largest]
-    _, counts = np.unique(np.round(top, 3), return_counts=True)
+    found, often = [], []
+    near, n_top = 0, 0
+    for finite in _measurable(ranges_m):
+        top = finite[finite >= _CODE_WINDOW * largest]
+        n_top += top.size
+        near += int(np.count_nonzero(finite >= _GAP_WINDOW * largest))
+        values, counts = np.unique(np.round(top, 3), return_counts=True)
+        found.append(values)
+        often.append(counts)
+    _, number = np.unique(np.concatenate(found), return_inverse=True)
+    counts = np.bincount(number, weights=np.concatenate(often)).astype(np.int64)
     codes = int(np.sort(counts)[-_MOST_CODES:].sum())
-    below = np.count_nonzero(finite >= _GAP_WINDOW * largest) - top.size
-    per_percent = below / (100.0 * (_CODE_WINDOW - _GAP_WINDOW))
-    if codes >= max(_LEAST_CODES, _CODE_EXCESS * per_percent) and codes >= _CODE_SHARE * top.size:
+    per_percent = (near - n_top) / (100.0 * (_CODE_WINDOW - _GAP_WINDOW))
+    if codes >= max(_LEAST_CODES, _CODE_EXCESS * per_percent) and codes >= _CODE_SHARE * n_top:
         return _CODE_WINDOW * largest
     return float(np.nextafter(np.float32(largest), np.float32(np.inf)))
+
+
+def _measurable(ranges_m: F32) -> Iterator[F32]:
+    """Yield the values (n,) that a laser could measure, block by block."""
+    for rows in blocks_of(ranges_m):
+        block = ranges_m[rows]
+        yield block[np.abs(block) <= LONGEST_RANGE_M]
+        give_back(ranges_m)
 
 
 def judge_no_return(sweeps: Sweeps, range_min_m: float, range_max_m: float, wish: Policy) -> NoReturn:
@@ -96,18 +115,63 @@ def judge_no_return(sweeps: Sweeps, range_min_m: float, range_max_m: float, wish
     """
     ranges_m = sweeps.ranges_m
     reach_m = range_max_m if np.isfinite(range_max_m) else find_reach_m(ranges_m)
-    is_return = (ranges_m >= np.float32(range_min_m)) & (ranges_m < np.float32(reach_m)) & (ranges_m > 0.0)
-    is_no_return = ranges_m >= np.float32(reach_m)
-    infinite = float(np.mean(ranges_m == np.inf))
-    no_return = float(np.mean(is_no_return))
-    returns = ranges_m[is_return]
-    nothing = max(1.0 - no_return - returns.size / max(ranges_m.size, 1), 0.0)
-    farthest_m = float(np.quantile(returns, _FARTHEST_QUANTILE)) if returns.size else float("nan")
+    farthest = Farthest(_FARTHEST_QUANTILE, ranges_m.size)
+    n_infinite, n_no_return = 0, 0
+    for rows in blocks_of(ranges_m):
+        block = ranges_m[rows]
+        is_return, is_no_return = kinds_of(block, range_min_m, reach_m)
+        n_infinite += int(np.count_nonzero(block == np.inf))
+        n_no_return += int(np.count_nonzero(is_no_return))
+        farthest.add(block, is_return)
+        give_back(ranges_m)
+    size = max(ranges_m.size, 1)
+    infinite, no_return = n_infinite / size, n_no_return / size
+    nothing = max(1.0 - no_return - farthest.n_values / size, 0.0)
+    farthest_m = farthest.value
     if wish != "auto":
         return NoReturn(wish, "as set", reach_m, no_return, nothing, farthest_m)
-    found = find_contradiction(sweeps, is_return, is_no_return, reach_m)
+    found = find_contradiction(sweeps, range_min_m, reach_m)
     policy, why = _weigh(infinite, no_return, farthest_m, reach_m, found)
     return NoReturn(policy, why, reach_m, no_return, nothing, farthest_m)
+
+
+class Farthest:
+    """A high quantile of values that come in blocks: only as many of the largest are kept as it needs.
+
+    Parameters
+    ----------
+    quantile : float
+    most_values : int
+        No more values than that will come.
+    """
+
+    def __init__(self, quantile: float, most_values: int) -> None:
+        self.n_values = 0
+        self._quantile = quantile
+        self._needed = math.ceil((1.0 - quantile) * most_values) + 2
+        self._kept: F32 = np.zeros(0, dtype=np.float32)
+        self._least = np.float32(-np.inf)
+
+    def add(self, block: F32, mask: B1) -> None:
+        """Add the values of a block under a mask."""
+        self.n_values += int(np.count_nonzero(mask))
+        self._kept = np.concatenate([self._kept, block[mask & (block >= self._least)]])
+        if self._kept.size > self._needed:
+            self._kept = np.partition(self._kept, -self._needed)[-self._needed :]
+            self._least = self._kept[0]
+
+    @property
+    def value(self) -> float:
+        """The quantile, between two values as numpy has it; NaN without values."""
+        if self.n_values == 0:
+            return math.nan
+        at = self._quantile * (self.n_values - 1)
+        left = math.floor(at)
+        kept = np.sort(self._kept)
+        before = self.n_values - kept.size
+        low = float(kept[left - before])
+        high = float(kept[min(left + 1 - before, kept.size - 1)])
+        return low + (at - left) * (high - low)
 
 
 def _weigh(
@@ -139,9 +203,10 @@ def apply_no_return(ranges_m: F32, range_min_m: float, verdict: NoReturn) -> Non
     """Rewrite recorded ranges in place: returns stay, no returns become +inf or NaN, the rest NaN."""
     no_return = np.float32(np.inf if verdict.policy == "free" else np.nan)
     reach = np.float32(verdict.reach_m)
-    for start in range(0, ranges_m.shape[0], 4096):
-        block = ranges_m[start : start + 4096]
+    for rows in blocks_of(ranges_m):
+        block = ranges_m[rows]
         is_nothing = ~((block >= np.float32(range_min_m)) & (block > 0.0))
         is_beyond = block >= reach
         block[is_beyond] = no_return
         block[is_nothing] = np.nan
+        give_back(ranges_m)

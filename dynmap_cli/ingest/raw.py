@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import compress
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.ingest.columns import Growing, RangeStore
 
 
 class ScanShape(NamedTuple):
@@ -41,108 +40,250 @@ class ScanShape(NamedTuple):
         return np.asarray(self.first_bearing_rad + self.increment_rad * np.arange(self.n_beams))
 
 
-@dataclass(slots=True)
 class RawLaser:
     """All sweeps of one laser, in the order in which they were recorded.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Topic, or the first word of the lines of a text log.
     frame : str
         Sensor frame; "" in text logs.
-    stamps_ns, logged_ns : list of int
-        Header stamp, and when the message was recorded (the same where only one is known).
-    ranges_m : list of (n_beams,) float32
-        As recorded, metres.
-    shapes : list of ScanShape
-    beam_interval_s : list of float
-        As recorded; NaN where that is no duration.
-    recording : list of int
-        Which recording a sweep came from.
     robot_from_sensor : (3,) float64 or None
         Where the log itself states how the laser is mounted.
+    folder : Path or None
+        On which disk ranges lie that do not fit into memory; None = where temporary files are put.
     """
 
-    name: str
-    frame: str = ""
-    stamps_ns: list[int] = field(default_factory=list)
-    logged_ns: list[int] = field(default_factory=list)
-    ranges_m: list[F32] = field(default_factory=list)
-    shapes: list[ScanShape] = field(default_factory=list)
-    beam_interval_s: list[float] = field(default_factory=list)
-    recording: list[int] = field(default_factory=list)
-    robot_from_sensor: F64 | None = None
+    def __init__(
+        self, name: str, frame: str = "", robot_from_sensor: F64 | None = None, folder: Path | None = None
+    ) -> None:
+        self.name, self.frame, self.robot_from_sensor = name, frame, robot_from_sensor
+        self.shape_table: list[ScanShape] = []
+        """Shapes by number, in the order in which they came first."""
+        self._numbers: dict[ScanShape, int] = {}
+        self._ranges = RangeStore(folder)
+        self._places = Growing(np.int64)
+        self._stamps_ns = Growing(np.int64)
+        self._logged_ns = Growing(np.int64)
+        self._shape_index = Growing(np.int32)
+        self._beam_interval_s = Growing(np.float64)
+        self._recording = Growing(np.int32)
 
     def add(
         self, stamp_ns: int, logged_ns: int, ranges_m: F32, shape: ScanShape, beam_interval_s: float = 0.0
     ) -> None:
         """Append one sweep."""
-        self.stamps_ns.append(stamp_ns)
-        self.logged_ns.append(logged_ns)
-        self.ranges_m.append(ranges_m)
-        self.shapes.append(shape)
-        self.beam_interval_s.append(beam_interval_s)
-        self.recording.append(0)
+        self._stamps_ns.add(stamp_ns)
+        self._logged_ns.add(logged_ns)
+        self._places.add(self._ranges.add(ranges_m))
+        self._shape_index.add(self.number_of(shape))
+        self._beam_interval_s.add(beam_interval_s)
+        self._recording.add(0)
 
-    def keep(self, wanted: Sequence[bool]) -> None:
-        """Forget all other sweeps."""
-        for name in ("stamps_ns", "logged_ns", "ranges_m", "shapes", "beam_interval_s", "recording"):
-            setattr(self, name, list(compress(getattr(self, name), wanted)))
+    def add_many(
+        self, stamps_ns: I64, logged_ns: I64, ranges_m: F32, shape_index: I32, beam_interval_s: F64
+    ) -> None:
+        """Append sweeps of one number of beams: ranges (n, n_beams), and numbers (n,) of shapes in the table."""
+        first = self._ranges.add(ranges_m)
+        self._stamps_ns.extend(stamps_ns)
+        self._logged_ns.extend(logged_ns)
+        self._places.extend(first + ranges_m.shape[1] * np.arange(ranges_m.shape[0]))
+        self._shape_index.extend(shape_index)
+        self._beam_interval_s.extend(beam_interval_s)
+        self._recording.extend(np.zeros(ranges_m.shape[0], dtype=np.int32))
+
+    def number_of(self, shape: ScanShape) -> int:
+        """Number of a shape in the table."""
+        number = self._numbers.get(shape)
+        if number is None:
+            number = self._numbers[shape] = len(self.shape_table)
+            self.shape_table.append(shape)
+        return number
+
+    def append(self, other: RawLaser, recording: int) -> None:
+        """Put the sweeps of the same laser in another recording, the number of which is given, behind these."""
+        numbers = np.array([self.number_of(shape) for shape in other.shape_table], dtype=np.int32)
+        self._places.extend(other._places.rows + self._ranges.take_over(other._ranges))
+        self._stamps_ns.extend(other.stamps_ns)
+        self._logged_ns.extend(other.logged_ns)
+        self._shape_index.extend(numbers[other.shape_index])
+        self._beam_interval_s.extend(other.beam_interval_s)
+        self._recording.extend(np.full(other.n_scans, recording, dtype=np.int32))
+
+    def keep(self, wanted: B1 | I64) -> None:
+        """Forget all other sweeps, or bring them into the order of numbers."""
+        for column in (
+            self._places,
+            self._stamps_ns,
+            self._logged_ns,
+            self._shape_index,
+            self._beam_interval_s,
+            self._recording,
+        ):
+            column.rows = column.rows[wanted]
+
+    def ranges_of(self, number: int) -> F32:
+        """Ranges (n_beams,) of one sweep as recorded, metres."""
+        place = int(self._places.rows[number])
+        return self._ranges.read(place, place + self.shape_of(number).n_beams)
+
+    def fill(self, into: F32, numbers: I64) -> None:
+        """Write the ranges of sweeps into the rows of a table (n, widest); the rest of a row stays as it is."""
+        lengths = self._lengths[self.shape_index[numbers]]
+        self._ranges.fill(into, self._places.rows[numbers], lengths)
+
+    def taken_ranges(self) -> F32 | None:
+        """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one file in order."""
+        lengths, places = self.n_beams, self._places.rows
+        width = int(lengths[0])
+        if (lengths != width).any() or (places != width * np.arange(places.size)).any():
+            return None
+        return self._ranges.as_table(places.size, width)
+
+    def shape_of(self, number: int) -> ScanShape:
+        """Shape of one sweep."""
+        return self.shape_table[int(self._shape_index.rows[number])]
+
+    @property
+    def stamps_ns(self) -> I64:
+        """(n,) header stamps."""
+        return self._stamps_ns.rows
+
+    @stamps_ns.setter
+    def stamps_ns(self, stamps_ns: I64) -> None:
+        self._stamps_ns.rows = stamps_ns
+
+    @property
+    def logged_ns(self) -> I64:
+        """(n,) when the messages were recorded; the stamps where only these are known."""
+        return self._logged_ns.rows
+
+    @logged_ns.setter
+    def logged_ns(self, logged_ns: I64) -> None:
+        self._logged_ns.rows = logged_ns
+
+    @property
+    def shape_index(self) -> I32:
+        """(n,) number of the shape of each sweep."""
+        return self._shape_index.rows
+
+    @property
+    def n_beams(self) -> I64:
+        """(n,) beams of each sweep."""
+        return np.asarray(self._lengths[self.shape_index])
+
+    @property
+    def _lengths(self) -> I64:
+        """Beams of each shape in the table."""
+        return np.array([shape.n_beams for shape in self.shape_table], dtype=np.int64)
+
+    @property
+    def beam_interval_s(self) -> F64:
+        """(n,) time between beams as recorded; NaN where that is no duration."""
+        return self._beam_interval_s.rows
+
+    @property
+    def recording(self) -> I32:
+        """(n,) which recording a sweep came from."""
+        return self._recording.rows
 
     @property
     def n_scans(self) -> int:
         """Number of sweeps."""
-        return len(self.stamps_ns)
+        return self.stamps_ns.size
 
     @property
     def usual_shape(self) -> ScanShape:
         """The shape of most sweeps; single damaged ones must not decide for the others."""
-        return Counter(self.shapes).most_common(1)[0][0]
+        counts = np.bincount(self.shape_index)
+        most = np.flatnonzero(counts == counts.max())
+        first = 0 if most.size == 1 else int(np.argmax(np.isin(self.shape_index, most)))
+        return self.shape_table[int(most[0])] if most.size == 1 else self.shape_of(first)
 
 
-@dataclass(slots=True)
 class RawOdometry:
     """One source of odometry poses.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Topic, or the first word of the lines of a text log.
     frame, child : str
         The poses are frame_from_child; "" in text logs.
-    stamps_ns : list of int
-    poses : list of (x, y, yaw)
-        Metres, radians.
     """
 
-    name: str
-    frame: str = ""
-    child: str = ""
-    stamps_ns: list[int] = field(default_factory=list)
-    poses: list[tuple[float, float, float]] = field(default_factory=list)
+    def __init__(self, name: str, frame: str = "", child: str = "") -> None:
+        self.name, self.frame, self.child = name, frame, child
+        self._stamps_ns = Growing(np.int64)
+        self._poses = Growing(np.float64, 3)
+
+    def add(self, stamp_ns: int, pose: tuple[float, float, float]) -> None:
+        """Append a pose: x, y in metres, yaw in radians."""
+        self._stamps_ns.add(stamp_ns)
+        self._poses.add(pose)
+
+    def add_many(self, stamps_ns: I64, poses: F64) -> None:
+        """Append poses (n, 3)."""
+        self._stamps_ns.extend(stamps_ns)
+        self._poses.extend(poses)
+
+    @property
+    def stamps_ns(self) -> I64:
+        """(n,) in the order of recording."""
+        return self._stamps_ns.rows
+
+    @stamps_ns.setter
+    def stamps_ns(self, stamps_ns: I64) -> None:
+        self._stamps_ns.rows = stamps_ns
+
+    @property
+    def poses(self) -> F64:
+        """(n, 3) in the order of recording."""
+        return self._poses.rows
 
     def as_arrays(self) -> tuple[I64, F64]:
         """Stamps (n,) ascending, and poses (n, 3)."""
-        return sorted_by_stamp(self.stamps_ns, self.poses, 3)
+        return sorted_by_stamp(self.stamps_ns, self.poses)
 
 
-@dataclass(slots=True)
 class RawTransform:
     """All transforms published for one pair of frames.
 
-    Attributes
+    Parameters
     ----------
     is_static : bool
         Published as latched, valid for all times.
-    stamps_ns : list of int
-    values : list of (x, y, z, qx, qy, qz, qw)
-        parent_from_child.
     """
 
-    is_static: bool
-    stamps_ns: list[int] = field(default_factory=list)
-    values: list[tuple[float, ...]] = field(default_factory=list)
+    def __init__(self, is_static: bool) -> None:
+        self.is_static = is_static
+        self._stamps_ns = Growing(np.int64)
+        self._values = Growing(np.float64, 7)
+
+    def add(self, stamp_ns: int, values: tuple[float, ...]) -> None:
+        """Append parent_from_child as x, y, z, qx, qy, qz, qw."""
+        self._stamps_ns.add(stamp_ns)
+        self._values.add(values)
+
+    def add_many(self, stamps_ns: I64, values: F64) -> None:
+        """Append transforms (n, 7)."""
+        self._stamps_ns.extend(stamps_ns)
+        self._values.extend(values)
+
+    @property
+    def stamps_ns(self) -> I64:
+        """(n,) in the order of recording."""
+        return self._stamps_ns.rows
+
+    @stamps_ns.setter
+    def stamps_ns(self, stamps_ns: I64) -> None:
+        self._stamps_ns.rows = stamps_ns
+
+    @property
+    def values(self) -> F64:
+        """(n, 7) in the order of recording."""
+        return self._values.rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +322,8 @@ class RawRecording:
     warnings : list of str
     n_read : int
         Messages or lines that were read and understood.
+    folder : Path or None
+        On which disk ranges lie that do not fit into memory; None = where temporary files are put.
     """
 
     name: str
@@ -193,12 +336,20 @@ class RawRecording:
     damage: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     n_read: int = 0
+    folder: Path | None = None
+
+    def laser(self, name: str, frame: str = "") -> RawLaser:
+        """The laser of a name, a new one where there is none yet."""
+        found = self.lasers.get(name)
+        if found is None:
+            found = self.lasers[name] = RawLaser(name, frame, folder=self.folder)
+        return found
 
     @property
     def span_ns(self) -> tuple[int, int]:
         """Earliest and latest stamp of any sweep."""
-        stamps = [stamp for laser in self.lasers.values() for stamp in laser.stamps_ns]
-        return min(stamps), max(stamps)
+        stamps = [laser.stamps_ns for laser in self.lasers.values()]
+        return int(min(part.min() for part in stamps)), int(max(part.max() for part in stamps))
 
     def drop_broken(self, what: str) -> None:
         """Count a message or line that is broken."""
@@ -213,11 +364,9 @@ def file_name(name: str) -> str:
     return path.name if path.name not in {"", ".."} else path.resolve().name
 
 
-def sorted_by_stamp(
-    stamps_ns: Sequence[int], rows: Sequence[tuple[float, ...]], width: int
-) -> tuple[I64, F64]:
+def sorted_by_stamp(stamps_ns: I64, rows: F64) -> tuple[I64, F64]:
     """Return stamps (n,) in ascending order with their rows (n, width); of equal stamps the first counts."""
-    stamps = np.array(stamps_ns, dtype=np.int64)
-    values = np.array(rows, dtype=np.float64).reshape(-1, width)
-    unique, first = np.unique(stamps, return_index=True)
-    return unique, values[first]
+    if (np.diff(stamps_ns) > 0).all():
+        return stamps_ns, rows
+    unique, first = np.unique(stamps_ns, return_index=True)
+    return unique, rows[first]

@@ -10,13 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F64
+from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
+from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.clocks import part_clocks
+from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
@@ -47,6 +49,7 @@ from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.wean import read_wean
 
 _log = logging.getLogger(__name__)
@@ -56,7 +59,9 @@ _FARTHEST_LASER_M = 20.0
 _AT_CENTRE = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False, is_assumed=True)
 
 
-def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[ScanLog, IngestReport]:
+def read_recordings(
+    paths: Sequence[Path], settings: IngestSettings, folder: Path | None = None
+) -> tuple[ScanLog, IngestReport]:
     """Read recordings into scans.
 
     Parameters
@@ -64,6 +69,8 @@ def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[Sc
     paths : sequence of Path
         Files or folders. Those that continue one another are one drive; others are drives of their own.
     settings : IngestSettings
+    folder : Path or None
+        On which disk nameless files are put for ranges that do not fit into memory; None = that of temporary files.
 
     Returns
     -------
@@ -77,11 +84,11 @@ def read_recordings(paths: Sequence[Path], settings: IngestSettings) -> tuple[Sc
     LogError
         If there is nothing to read, it is damaged, or it holds no laser.
     """
-    return merge_recordings(load_recordings(paths, settings), settings)
+    return merge_recordings(load_recordings(paths, settings, Space(folder)), settings, folder)
 
 
 def merge_recordings(
-    recordings: Sequence[RawRecording], settings: IngestSettings
+    recordings: Sequence[RawRecording], settings: IngestSettings, folder: Path | None = None
 ) -> tuple[ScanLog, IngestReport]:
     """Decide what is used of recordings that were loaded, and bring it into time order."""
     require_lasers(recordings)
@@ -91,7 +98,7 @@ def merge_recordings(
     merged: list[tuple[ScanLog, IngestReport]] = []
     while waiting:
         drive = waiting.pop(0)
-        log, report = _merge_drive(drive, drives, settings)
+        log, report = _merge_drive(drive, drives, settings, folder)
         restart = find_restart(log.recording_index, log.stamps_ns, log.odometry)
         if restart is None:
             merged.append((log, report))
@@ -101,7 +108,7 @@ def merge_recordings(
 
 
 def _merge_drive(
-    drive: Drive, drives: Sequence[Drive], settings: IngestSettings
+    drive: Drive, drives: Sequence[Drive], settings: IngestSettings, folder: Path | None
 ) -> tuple[ScanLog, IngestReport]:
     """Decide what is used of the recordings of one drive, and bring it into time order."""
     joined = join_recordings(drive, drives)
@@ -111,7 +118,7 @@ def _merge_drive(
     choices = _chosen_lasers(joined, tree, base, settings)
     used = [choice for choice in choices if choice.used]
     mountings = [_mounting_of(choice, settings, joined) for choice in used]
-    columns, out_of_order = columns_of([choice.view.laser for choice in used], joined.dropped)
+    columns, out_of_order = columns_of([choice.view.laser for choice in used], joined.dropped, folder)
     odometry = find_odometry(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
@@ -124,7 +131,13 @@ def _merge_drive(
     bearings_rad = _bearing_table(columns, mountings)
     verdicts = [
         _rewrite_ranges(
-            columns, number, choice, bearings_rad, compose(poses, mounting.robot_from_sensor), settings
+            columns,
+            number,
+            choice,
+            bearings_rad,
+            compose(poses, mounting.robot_from_sensor),
+            settings,
+            folder,
         )
         for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))
     ]
@@ -139,12 +152,15 @@ def _merge_drive(
     return log, report
 
 
-def load_recordings(paths: Sequence[Path], settings: IngestSettings) -> list[RawRecording]:
+def load_recordings(
+    paths: Sequence[Path], settings: IngestSettings, space: Space | None = None
+) -> list[RawRecording]:
     """Read all recordings as they are."""
+    space = space or Space()
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
         sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        recordings = [_load(source, settings) for source in sources]
+        recordings = [_load(source, settings, space) for source in sources]
     for recording in recordings:
         if settings.strict and recording.damage:
             raise _refused(recording)
@@ -178,13 +194,13 @@ def _lost(recording: RawRecording) -> str:
     return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
-def _load(source: Source, settings: IngestSettings) -> RawRecording:
+def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
     """Read one recording with the reader of its format."""
     _log.debug("%s: %s", source.name, source.kind)
     if source.kind == "carmen":
-        return read_carmen(source.path, source.name)
+        return read_carmen(source.path, source.name, space.folder)
     if source.kind == "wean":
-        return read_wean(source.path, source.name)
+        return read_wean(source.path, source.name, space.folder)
     # Text logs do without the libraries for bags.
     from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
     from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
@@ -192,9 +208,9 @@ def _load(source: Source, settings: IngestSettings) -> RawRecording:
 
     kind = _BAG_NAMES[source.kind]
     try:
-        recording = read_bag(source.path, source.name, kind)
+        recording = read_bag(source.path, source.name, kind, space)
     except UnreadableBagError as err:
-        recording = read_salvaged(source.path, source.name, kind, err)
+        recording = read_salvaged(source.path, source.name, kind, err, space.folder)
     clouds = wanted_clouds(recording, settings)
     if clouds:
         add_clouds(recording, source.path, clouds, settings)
@@ -269,25 +285,29 @@ def _rewrite_ranges(
     bearings_rad: F64,
     odom_from_sensor: F64,
     settings: IngestSettings,
+    folder: Path | None,
 ) -> NoReturn:
     """Find what beams without return say for one laser, and rewrite its ranges."""
-    rows = columns.laser == number
+    rows = np.flatnonzero(columns.laser == number)
+    is_only_one = rows.size == columns.laser.size
     shape = choice.view.laser.usual_shape
     sweeps = Sweeps(
-        columns.ranges_m[rows],
+        columns.ranges_m if is_only_one else picked_rows(columns.ranges_m, rows, folder),
         bearings_rad,
         columns.geometry_index[rows],
         odom_from_sensor[rows],
     )
     verdict = judge_no_return(sweeps, shape.range_min_m, shape.range_max_m, settings.no_return)
     apply_no_return(sweeps.ranges_m, shape.range_min_m, verdict)
-    columns.ranges_m[rows] = sweeps.ranges_m
+    if not is_only_one:
+        put_rows(columns.ranges_m, rows, sweeps.ranges_m)
     return verdict
 
 
 def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
     """Drop sweeps in which no beam says anything; returns the poses of those that stay."""
-    if not np.isfinite(columns.ranges_m).any():
+    says_something, has_return = _content_of(columns.ranges_m)
+    if not has_return:
         _, shape = columns.geometries[0]
         reach = f"{shape.range_max_m:g} m" if np.isfinite(shape.range_max_m) else "a reach that is not stated"
         msg = (
@@ -295,12 +315,23 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
             f"{_lost(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
         )
         raise LogError(msg)
-    says_something = np.asarray(~np.isnan(columns.ranges_m).all(axis=1))
     if says_something.all():
         return poses
     joined.dropped["scan without any measurement"] += int(np.count_nonzero(~says_something))
     columns.keep(says_something)
     return np.asarray(poses[says_something])
+
+
+def _content_of(ranges_m: F32) -> tuple[B1, bool]:
+    """Which sweeps (n,) have a beam that says something, and whether any beam has a return."""
+    says_something = np.zeros(ranges_m.shape[0], dtype=bool)
+    has_return = False
+    for rows in blocks_of(ranges_m):
+        block = ranges_m[rows]
+        says_something[rows] = ~np.isnan(block).all(axis=1)
+        has_return = has_return or bool(np.isfinite(block).any())
+        give_back(ranges_m)
+    return says_something, has_return
 
 
 def _scan_log(

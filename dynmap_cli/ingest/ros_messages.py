@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,17 @@ from dynmap_cli.ingest.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
     are_coordinates,
+    are_stamps,
     is_stamp,
     is_sweep,
     printable,
 )
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform, ScanShape
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
-_LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
-_LONGEST_SWEEP_S = 60.0
+LEAST_QUATERNION, MOST_QUATERNION = 0.5, 4.0
+LONGEST_SWEEP_S = 60.0
+_NO_STAMP = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +51,25 @@ class Message:
 def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
     """Sort messages into lasers, odometry and transforms."""
     for message in messages:
-        recording.n_read += 1
-        if not is_stamp(message.logged_ns):
-            recording.dropped[f"message on {message.topic} recorded at no possible time"] += 1
-        elif message.msgtype in LASER_TYPES:
-            _take_scan(recording, message)
-        elif message.msgtype in ODOMETRY_TYPES:
-            _take_odometry(recording, message)
-        elif message.msgtype in TRANSFORM_TYPES:
-            _take_transforms(recording, message)
+        take_message(recording, message)
+    end_of_messages(recording)
+
+
+def take_message(recording: RawRecording, message: Message) -> None:
+    """Keep one message."""
+    recording.n_read += 1
+    if not is_stamp(message.logged_ns):
+        recording.dropped[f"message on {message.topic} recorded at no possible time"] += 1
+    elif message.msgtype in LASER_TYPES:
+        _take_scan(recording, message)
+    elif message.msgtype in ODOMETRY_TYPES:
+        _take_odometry(recording, message)
+    elif message.msgtype in TRANSFORM_TYPES:
+        _take_transforms(recording, message)
+
+
+def end_of_messages(recording: RawRecording) -> None:
+    """What can only be done when all messages were taken."""
     _clean_transforms(recording)
     mend_stamps(recording)
 
@@ -87,11 +100,9 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     if fault or shape is None:
         recording.dropped[f"scan on {message.topic} {fault}"] += 1
         return
-    laser = recording.lasers.setdefault(
-        message.topic, RawLaser(message.topic, plain_frame(scan.header.frame_id))
-    )
+    laser = recording.laser(message.topic, plain_frame(scan.header.frame_id))
     interval_s = float(scan.time_increment)
-    if not 0.0 <= interval_s * ranges_m.size <= _LONGEST_SWEEP_S:
+    if not 0.0 <= interval_s * ranges_m.size <= LONGEST_SWEEP_S:
         interval_s = math.nan
     laser.add(stamp_ns, message.logged_ns, ranges_m, shape, interval_s)
 
@@ -105,13 +116,27 @@ def _ranges_of(scan: Any) -> F32:
 
 
 def shape_of(scan: Any, n_beams: int) -> ScanShape | None:
-    """Geometry of a LaserScan; None where its angles are not those of a laser.
+    """Geometry of a LaserScan; None where its angles are not those of a laser."""
+    return shape_of_angles(
+        float(scan.angle_min),
+        float(scan.angle_max),
+        float(scan.angle_increment),
+        float(scan.range_min),
+        float(scan.range_max),
+        n_beams,
+    )
+
+
+@lru_cache(maxsize=256)
+def shape_of_angles(
+    first: float, last: float, step: float, low: float, high: float, n_beams: int
+) -> ScanShape | None:
+    """Geometry from the angles and limits of a LaserScan; None where its angles are not those of a laser.
 
     The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
     is (nearly) zero or of the wrong sign the beams are spread between the two. Angles are rounded to 0.006 deg, so that
     sensors which compute them anew for each sweep do not get a geometry for each.
     """
-    first, last, step = float(scan.angle_min), float(scan.angle_max), float(scan.angle_increment)
     if abs(step) < _STEP_GRID_RAD or (last - first) * step < 0.0:
         step = (last - first) / max(n_beams - 1, 1)
     if not is_sweep(first, step, n_beams):
@@ -119,7 +144,6 @@ def shape_of(scan: Any, n_beams: int) -> ScanShape | None:
     increment_rad = round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12)
     if increment_rad == 0.0 and n_beams > 1:
         return None
-    low, high = float(scan.range_min), float(scan.range_max)
     return ScanShape(
         round(round(first / _ANGLE_GRID_RAD) * _ANGLE_GRID_RAD, 9),
         increment_rad,
@@ -145,13 +169,12 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
             message.topic, plain_frame(odometry.header.frame_id), plain_frame(odometry.child_frame_id)
         ),
     )
-    track.stamps_ns.append(stamp_ns)
-    track.poses.append(values)
+    track.add(stamp_ns, values)
 
 
 def yaw_of(q: Any) -> float:
     """Heading of a quaternion message, radians; NaN where it is no rotation."""
-    if not _LEAST_QUATERNION <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= _MOST_QUATERNION:
+    if not LEAST_QUATERNION <= q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w <= MOST_QUATERNION:
         return math.nan
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
@@ -165,19 +188,20 @@ def _take_transforms(recording: RawRecording, message: Message) -> None:
         kept = transforms.get(pair)
         if kept is None:
             kept = transforms[pair] = RawTransform(message.topic.endswith("tf_static"))
-        kept.stamps_ns.append(header.stamp.sec * 10**9 + header.stamp.nanosec)
-        kept.values.append((move.x, move.y, move.z, q.x, q.y, q.z, q.w))
+        stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+        values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
+        kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, values)
 
 
 def _clean_transforms(recording: RawRecording) -> None:
     """Name frames without slashes and drop what is no rotation; done once at the end, for tf is most of many bags."""
     found, recording.transforms = recording.transforms, {}
     for (parent, child), raw in found.items():
-        values = np.array(raw.values)
+        values = raw.values
         length = (np.clip(values[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
         is_pose = (np.abs(values[:, :3]) <= FARTHEST_M).all(axis=1)
-        is_pose &= (length >= _LEAST_QUATERNION) & (length <= _MOST_QUATERNION)
-        is_pose &= [is_stamp(stamp_ns) for stamp_ns in raw.stamps_ns]
+        is_pose &= (length >= LEAST_QUATERNION) & (length <= MOST_QUATERNION)
+        is_pose &= are_stamps(raw.stamps_ns)
         if not is_pose.all():
             recording.dropped["transform that is no pose or has no possible time"] += int(
                 np.count_nonzero(~is_pose)
@@ -186,20 +210,19 @@ def _clean_transforms(recording: RawRecording) -> None:
             continue
         pair = plain_frame(parent), plain_frame(child)
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
-        kept.stamps_ns += [stamp for stamp, good in zip(raw.stamps_ns, is_pose, strict=True) if good]
-        kept.values += [value for value, good in zip(raw.values, is_pose, strict=True) if good]
+        kept.add_many(raw.stamps_ns[is_pose], raw.values[is_pose])
 
 
 def mend_stamps(recording: RawRecording) -> None:
     """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
     for laser in recording.lasers.values():
-        unstamped = laser.stamps_ns.count(0)
-        if len(set(laser.stamps_ns)) == 1 and (unstamped or laser.n_scans > 1):
-            laser.stamps_ns = list(laser.logged_ns)
+        unstamped = int(np.count_nonzero(laser.stamps_ns == 0))
+        if np.ptp(laser.stamps_ns) == 0 and (unstamped or laser.n_scans > 1):
+            laser.stamps_ns = laser.logged_ns
             found = "no scan has a time stamp" if unstamped else "all scans have the same time stamp"
             recording.warnings.append(
                 f"{laser.name}: {found}; the times of recording are used, they come later"
             )
         elif unstamped:
-            laser.keep([stamp != 0 for stamp in laser.stamps_ns])
+            laser.keep(laser.stamps_ns != 0)
             recording.dropped[f"scan on {laser.name} without a time stamp"] += unstamped

@@ -25,7 +25,9 @@ _READERS: dict[str, Callable[[Path, Losses], Iterator[StoredMessage]]] = {
 }
 
 
-def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError) -> RawRecording:
+def read_salvaged(
+    path: Path, name: str, kind: str, refusal: UnreadableBagError, folder: Path | None = None
+) -> RawRecording:
     """Read what is whole in a recording.
 
     Parameters
@@ -36,6 +38,8 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
         For messages: what the operator called it, and what it is.
     refusal : UnreadableBagError
         Why it could not be read with its index.
+    folder : Path or None
+        On which disk ranges lie that do not fit into memory.
 
     Raises
     ------
@@ -43,7 +47,7 @@ def read_salvaged(path: Path, name: str, kind: str, refusal: UnreadableBagError)
         If no message can be read.
     """
     losses = Losses()
-    recording = RawRecording(name, kind)
+    recording = RawRecording(name, kind, folder=folder)
     counts: Counter[tuple[str, str]] = Counter()
     span = Span()
     encodings: set[str] = set()

@@ -13,7 +13,7 @@ def run(context: StageContext) -> dict[str, Any]:
     from dynmap_cli.ingest.merging import add_drives
     from dynmap_cli.ingest.reading import read_recordings
 
-    log, report = read_recordings(context.recordings, context.config.ingest)
+    log, report = read_recordings(context.recordings, context.config.ingest, context.out_dir)
     summary = report.summary()
     if context.earlier_scans is not None:
         earlier = read_scan_log(context.earlier_scans)

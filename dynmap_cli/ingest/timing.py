@@ -46,7 +46,7 @@ class Timing:
 
 def timing_of(laser: RawLaser) -> Timing:
     """Measure the times of a laser's sweeps."""
-    stamps_ns = np.array(laser.stamps_ns, dtype=np.int64)
+    stamps_ns = laser.stamps_ns
     steps_s: F64 = np.diff(stamps_ns).astype(np.float64) * 1e-9
     pauses_s: F64 = np.diff(np.sort(stamps_ns)).astype(np.float64) * 1e-9
     period_s = period_s_of(stamps_ns)

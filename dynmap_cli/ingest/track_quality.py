@@ -9,11 +9,12 @@ import numpy as np
 from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.files.mapped import give_back
 
 _SAME_POSE = 1e-9
 _MOVED_M, _SPAN_S = 0.05, 0.5
 _JUMP_M, _JUMP_M_PER_S = 1.0, 20.0
-_SCANS_PER_CHUNK = 1024
+_SCANS_PER_CHUNK = 256
 _FAST_QUANTILE, _LEAST_STEP_S = 0.99, 1e-3
 
 
@@ -99,4 +100,5 @@ def _ranges_move(log: ScanLog, rows: I64) -> B1:
         # The median is above the bound where more than half of the beams with both ranges are.
         above = np.count_nonzero(change_m > _MOVED_M, axis=1)
         result[start : start + part.size - 1] = 2 * above > np.count_nonzero(is_known, axis=1)
+        give_back(log.ranges_m)
     return result

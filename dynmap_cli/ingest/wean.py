@@ -16,7 +16,7 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.ingest.carmen import mounting, replace_lost_stamps
 from dynmap_cli.ingest.decimals import parse_numbers
 from dynmap_cli.ingest.plausible import FARTHEST_M, stamp_of_word, to_ranges_m
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, ScanShape, Topic
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, ScanShape, Topic
 from dynmap_cli.ingest.text_lines import text_lines
 
 _CM = 0.01
@@ -26,9 +26,9 @@ _WIDTHS = {b"O": 3, b"L": 6 + _N_BEAMS}
 _N_POSES = {b"O": 3, b"L": 6}
 
 
-def read_wean(path: Path, name: str) -> RawRecording:
+def read_wean(path: Path, name: str, folder: Path | None = None) -> RawRecording:
     """Read a Wean Hall log; lines that do not parse are counted, not fatal."""
-    recording = RawRecording(name, "Wean Hall text")
+    recording = RawRecording(name, "Wean Hall text", folder=folder)
     counts: Counter[str] = Counter()
     laser_poses: list[F64] = []
     for line in text_lines(path, recording.drop_broken):
@@ -63,11 +63,9 @@ def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F
         raise ValueError(msg)
     values[[0, 1]] *= _CM
     track = recording.odometry.setdefault(word.decode(), RawOdometry(word.decode()))
-    track.stamps_ns.append(stamp_ns)
-    track.poses.append((float(values[0]), float(values[1]), float(values[2])))
+    track.add(stamp_ns, (float(values[0]), float(values[1]), float(values[2])))
     recording.n_read += 1
     if word == b"L":
         values[[3, 4]] *= _CM
         laser_poses.append(values[:6])
-        laser = recording.lasers.setdefault("L", RawLaser("L"))
-        laser.add(stamp_ns, stamp_ns, to_ranges_m(values[6:] * _CM), _SHAPE)
+        recording.laser("L").add(stamp_ns, stamp_ns, to_ranges_m(values[6:] * _CM), _SHAPE)

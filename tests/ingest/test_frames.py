@@ -25,7 +25,9 @@ poses3 = st.tuples(metres, metres, metres, angles, st.floats(-1.4, 1.4), angles)
 
 
 def raw(values, stamps=(0,), *, static=False):
-    return RawTransform(static, list(stamps), [tuple(value) for value in values])
+    result = RawTransform(static)
+    result.add_many(np.array(stamps), np.array(values))
+    return result
 
 
 def from_euler(pose):

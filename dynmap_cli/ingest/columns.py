@@ -1,0 +1,260 @@
+"""Columns that grow at their end, and the ranges of sweeps, which go to a file when there are many of them."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from bisect import bisect_right
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynmap_cli.arrays import B1, F32, I64
+from dynmap_cli.files.mapped import give_back, mapping_of
+
+Values = NDArray[Any]
+
+_MOST_IN_MEMORY_BYTES = 1 << 25
+_MOST_PARTS = 4096
+_MOST_AT_ONCE_BYTES = 1 << 24
+_BLOCK_BYTES = 1 << 22
+
+
+class Growing:
+    """Rows of numbers to which more are added one by one or many at a time.
+
+    Parameters
+    ----------
+    dtype : type
+    width : int
+        Numbers in a row; 0 = each row is a single number.
+    """
+
+    def __init__(self, dtype: Any, width: int = 0) -> None:
+        self._dtype = dtype
+        self._shape = (-1, width) if width else (-1,)
+        self._parts: list[Values] = []
+        self._single: list[Any] = []
+
+    def add(self, row: Any) -> None:
+        """Add one row."""
+        self._single.append(row)
+
+    def extend(self, rows: Any) -> None:
+        """Add rows (n,) or (n, width)."""
+        self._settle()
+        self._parts.append(np.asarray(rows, dtype=self._dtype).reshape(self._shape))
+
+    def _settle(self) -> None:
+        """Make rows that came one by one an array."""
+        if self._single:
+            self._parts.append(np.array(self._single, dtype=self._dtype).reshape(self._shape))
+            self._single = []
+
+    @property
+    def rows(self) -> Values:
+        """All rows, (n,) or (n, width)."""
+        self._settle()
+        if len(self._parts) != 1:
+            empty = np.zeros((0, *self._shape[1:]), dtype=self._dtype)
+            self._parts = [np.concatenate(self._parts) if self._parts else empty]
+        return self._parts[0]
+
+    @rows.setter
+    def rows(self, rows: Any) -> None:
+        """Replace all rows."""
+        self._parts, self._single = [], []
+        self.extend(rows)
+
+
+class RangeStore:
+    """Numbers one after another, found by the place of the first; in a nameless file when they are many.
+
+    Parameters
+    ----------
+    folder : Path or None
+        On which disk the file lies; None = where temporary files are put.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+        self._starts: list[int] = []
+        self._parts: list[F32 | _InFile] = []
+        self._size = 0
+        self._recent: list[F32] = []
+        self._recent_size = 0
+
+    def add(self, values: F32) -> int:
+        """Add numbers, of any shape; returns the place of the first."""
+        flat = np.ravel(values)
+        place = self._size + self._recent_size
+        self._recent.append(flat)
+        self._recent_size += flat.size
+        if self._recent_size * flat.itemsize > _MOST_IN_MEMORY_BYTES:
+            self._spill()
+        elif len(self._recent) > _MOST_PARTS:
+            self._recent = [np.concatenate(self._recent)]
+        return place
+
+    def _spill(self) -> None:
+        """Put what came last into the file."""
+        recent, self._recent = np.concatenate(self._recent), []
+        last = self._parts[-1] if self._parts else None
+        if not isinstance(last, _InFile):
+            # The file lives as long as the store.
+            stream = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
+            last = _InFile(stream)
+            self._append(last, 0)
+        last.add(recent)
+        self._size += recent.size
+        self._recent_size = 0
+
+    def _settle(self) -> None:
+        """Make what came last, and is not in a file, one part."""
+        if self._recent:
+            self._append(np.concatenate(self._recent), self._recent_size)
+            self._recent, self._recent_size = [], 0
+
+    def _append(self, part: F32 | _InFile, size: int) -> None:
+        self._starts.append(self._size)
+        self._parts.append(part)
+        self._size += size
+
+    def take_over(self, other: RangeStore) -> int:
+        """Put what another store holds behind what is here; returns by how much its places move."""
+        self._settle()
+        other._settle()
+        moved = self._size
+        self._starts += [start + moved for start in other._starts]
+        self._parts += other._parts
+        self._size += other._size
+        return moved
+
+    def read(self, start: int, stop: int) -> F32:
+        """Numbers (stop - start,) from one place to another."""
+        self._settle()
+        found = []
+        number = bisect_right(self._starts, start) - 1
+        while start < stop:
+            first = self._starts[number]
+            end = self._starts[number + 1] if number + 1 < len(self._starts) else self._size
+            until = min(stop, end)
+            part = self._parts[number]
+            if isinstance(part, _InFile):
+                found.append(part.read(start - first, until - first))
+            else:
+                found.append(part[start - first : until - first])
+            start, number = until, number + 1
+        if len(found) == 1:
+            return found[0]
+        return np.concatenate(found) if found else np.zeros(0, dtype=np.float32)
+
+    def fill(self, into: F32, places: I64, n_beams: I64) -> None:
+        """Write sweeps into the rows of a table.
+
+        Parameters
+        ----------
+        into : (n, widest) float32
+            Left as it is where a sweep has fewer beams.
+        places, n_beams : (n,) int64
+            Where sweeps begin, and their lengths.
+        """
+        if places.size == 0:
+            return
+        low, high = int(places.min()), int((places + n_beams).max())
+        width = int(n_beams[0])
+        if 4 * (high - low) <= _MOST_AT_ONCE_BYTES and high - low <= 4 * int(n_beams.sum()):
+            values = self.read(low, high)
+            if (n_beams == width).all() and (np.diff(places) == width).all():
+                into[:, :width] = values.reshape(-1, width)
+                return
+        else:
+            values, low = None, 0
+        for row, (place, count) in enumerate(zip((places - low).tolist(), n_beams.tolist(), strict=True)):
+            part = self.read(place, place + count) if values is None else values[place : place + count]
+            into[row, :count] = part
+
+    def as_table(self, n_rows: int, width: int) -> F32 | None:
+        """The numbers themselves as a table that can be written to, if they are in one file and as many as it has."""
+        self._settle()
+        if not self._parts or self._size != n_rows * width:
+            return None
+        file, *rest = self._parts
+        if not isinstance(file, _InFile) or any(isinstance(part, _InFile) for part in rest):
+            return None
+        for part in rest:
+            file.add(np.asarray(part))
+        self._parts, self._starts = [file], [0]
+        return file.as_table(n_rows, width)
+
+
+class _InFile:
+    """Numbers in a file."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream = stream
+
+    def add(self, values: F32) -> None:
+        self._stream.seek(0, 2)
+        self._stream.write(values.tobytes())
+
+    def read(self, start: int, stop: int) -> F32:
+        self._stream.seek(4 * start)
+        return np.frombuffer(self._stream.read(4 * (stop - start)), dtype=np.float32)
+
+    def as_table(self, n_rows: int, width: int) -> F32:
+        self._stream.flush()
+        return np.memmap(self._stream, dtype=np.float32, mode="r+", shape=(n_rows, width))
+
+
+def new_table(n_rows: int, width: int, folder: Path | None) -> F32:
+    """A table (n_rows, width) to be filled: in memory if it is small, otherwise mapped from a nameless file."""
+    if 4 * n_rows * width <= _MOST_IN_MEMORY_BYTES:
+        return np.empty((n_rows, width), dtype=np.float32)
+    # The mapping keeps the file.
+    with tempfile.TemporaryFile(dir=folder) as stream:
+        # On a full disk this fails, where writing to the mapping would end the process.
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(stream.fileno(), 0, 4 * n_rows * width)
+        return np.memmap(stream, dtype=np.float32, mode="w+", shape=(n_rows, width))
+
+
+def blocks_of(table: F32) -> Iterator[slice]:
+    """Yield rows of a table, so many at a time that they take 4 MiB or so."""
+    step = max(1, _BLOCK_BYTES // max(table.strides[0], 1))
+    for start in range(0, table.shape[0], step):
+        yield slice(start, min(start + step, table.shape[0]))
+
+
+def kept_rows(table: F32, wanted: B1 | slice) -> F32:
+    """The table without the other rows; one that is mapped from a file is packed in its place."""
+    if isinstance(wanted, slice) or mapping_of(table) is None:
+        return np.asarray(table[wanted])
+    count = 0
+    for rows in blocks_of(table):
+        part = table[rows][wanted[rows]]
+        table[count : count + part.shape[0]] = part
+        count += part.shape[0]
+        give_back(table)
+    return table[:count]
+
+
+def picked_rows(table: F32, numbers: I64, folder: Path | None) -> F32:
+    """A table of some rows, given by their numbers (n,)."""
+    result = new_table(numbers.size, table.shape[1], folder)
+    for rows in blocks_of(result):
+        result[rows] = table[numbers[rows]]
+        give_back(result)
+        give_back(table)
+    return result
+
+
+def put_rows(table: F32, numbers: I64, values: F32) -> None:
+    """Write rows (n, width) to where their numbers (n,) say."""
+    for rows in blocks_of(values):
+        table[numbers[rows]] = values[rows]
+        give_back(values)
+        give_back(table)
