@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from dynmap_cli.files.damage import reason
-from dynmap_cli.ingest.plausible import printable
 
 DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
 """What taking broken bytes apart raises."""
@@ -104,4 +103,4 @@ class Losses:
 
 def words_of(err: BaseException) -> str:
     """What a library complains of, on one line."""
-    return printable(reason(err)).rstrip(".")
+    return reason(err).rstrip(".")

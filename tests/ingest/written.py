@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import Nodetype
@@ -178,11 +179,11 @@ def lone_file(folder: Path, suffix: str) -> Path:
     return next(folder.glob(f"*{suffix}"))
 
 
-def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr") -> Path:
+def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr", **options: Any) -> Path:
     """MCAP of any profile; encoding "cdr" (ros2msg), "ros1" (ros1msg) or another name, as is."""
     store, suffix = (ROS1, "ros1msg") if encoding == "ros1" else (ROS2, "ros2msg")
     with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=2000, compression=CompressionType.ZSTD)
+        writer = McapWriter(stream, **{"chunk_size": 2000, "compression": CompressionType.ZSTD, **options})
         writer.start(profile=profile, library="test")
         channels: dict[str, int] = {}
         for topic, kind, logged_ns, fields in world.messages():
@@ -203,14 +204,19 @@ def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr") ->
 
 
 def packed(path: Path, how: str) -> Path:
-    """The file as .gz, .bz2, .xz or alone in a .zip, under a name that says nothing."""
+    """The file as .gz, .bz2, .xz, .zst or alone in a .zip, under a name that says nothing."""
     target = path.with_name(f"{path.stem}-{how}.dat")
     if how == "zip":
         with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.write(path, f"inner/{path.name}")
     else:
         target.write_bytes(
-            {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress}[how](path.read_bytes())
+            {
+                "gz": gzip.compress,
+                "bz2": bz2.compress,
+                "xz": lzma.compress,
+                "zst": zstandard.ZstdCompressor(write_checksum=True).compress,
+            }[how](path.read_bytes())
         )
     return target
 
