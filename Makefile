@@ -48,6 +48,7 @@ bench: dev
 
 fuzz: dev
 	$(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES)
+	DYNMAP_CORPUS_PLACES=200 $(BIN)/python -m pytest tests/ingest/test_corpus.py
 
 samples: setup
 	$(BIN)/dynmap simulate sample_logs/corridor_monday.yaml --output sample_logs/corridor_monday.mcap --force

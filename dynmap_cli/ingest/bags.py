@@ -25,6 +25,7 @@ from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, take_messages
 from dynmap_cli.ingest.stored import Channel, words_of
+from dynmap_cli.ingest.unpacking import unpacked_message
 
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
@@ -144,7 +145,7 @@ def _messages(reader: AnyReader, recording: RawRecording) -> Iterator[Message]:
         found += 1
         topic = printable(connection.topic)
         try:
-            content: Any = reader.deserialize(raw, connection.msgtype)
+            content: Any = reader.deserialize(unpacked_message(raw), connection.msgtype)
             said = as_ros(Message(topic, connection.msgtype, logged_ns, content))
         except Exception as err:
             decoding_failed(recording, topic, err)
@@ -186,7 +187,7 @@ def decode_message(channel: Channel, data: bytes) -> Any:
         return protobuf.decode(data, channel.schema_data, channel.schema_name)
     if channel.message_encoding == "ros1":
         return _ros1_types().deserialize_ros1(data, channel.message_type)
-    return _ros2_types().deserialize_cdr(data, channel.message_type)
+    return _ros2_types().deserialize_cdr(unpacked_message(data), channel.message_type)
 
 
 def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:
