@@ -13,6 +13,7 @@ from pathlib import Path
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
+from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, unpacked_file
 from dynmap_cli.ingest.zip_members import Member, members_of, members_without_list
 
@@ -199,7 +200,7 @@ def _kind_of_head(head: bytes, name: str) -> str:
         if head.startswith(magic):
             return kind
     if head.startswith((b"#ROSRECORD", b"#ROSBAG")):
-        version = head.split(b"\n", 1)[0].decode("ascii", "replace").strip()[:40]
+        version = printable(head.split(b"\n", 1)[0].decode("ascii", "replace").strip()[:40])
         msg = (
             f"{name}: '{version}' is a bag format older than '#ROSBAG V2.0', which is not read. "
             "Convert it with the rosbag of its time."

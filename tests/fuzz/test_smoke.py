@@ -24,6 +24,7 @@ def test_a_damaged_sample_is_read_or_refused_in_one_line(name):
     ("name", "file", "damages"),
     [
         ("manifest", "map.manifest.json", [Edit("write", 5, b"\x7f")]),
+        ("ros1", "a.bag", [Edit("write", 7, b"\x00")]),
     ],
 )
 def test_what_once_broke_the_law(name, file, damages):
