@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 DEMO   ?= demo
+FUZZ_MINUTES ?= 10
 
-.PHONY: setup dev demo test test-nojit lint format types bench samples clean
+.PHONY: setup dev demo test test-nojit lint format types bench fuzz samples clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.installed: pyproject.toml
@@ -44,6 +45,10 @@ types: dev
 bench: dev
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[peers]"
 	$(BIN)/python tests/bench/run.py
+
+fuzz: dev
+	$(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES)
+	DYNMAP_CORPUS_PLACES=200 $(BIN)/python -m pytest tests/ingest/test_corpus.py
 
 samples: setup
 	$(BIN)/dynmap simulate sample_logs/corridor_monday.yaml --output sample_logs/corridor_monday.mcap --force

@@ -19,7 +19,9 @@ from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError, DynmapError, LogError
 from dynmap_cli.files import edits, known
-from dynmap_cli.files.atomic import replacing, scratch_folder
+from dynmap_cli.files.atomic import discard_scratch, replacing, scratch_folder
+from dynmap_cli.files.damage import DAMAGE
+from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.lock import reading, writing
 from dynmap_cli.files.manifest import (
     Manifest,
@@ -176,6 +178,7 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
         why = why_again(done, stage.section, settings, inputs, folder)
         if not why:
             _log.info("%s: up to date", stage.name)
+            discard_scratch(folder / stage.name)
             return StageResult(stage.name, ran=False, manifest=done, folder=folder)
         _log.info("%s: runs again, %s", stage.name, why)
     _log.info("%s: %s", stage.name, stage.title)
@@ -202,8 +205,19 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
 
 def _note_run(result: StageResult, run_dir: Path, config: Config) -> None:
     """Keep run.yaml in step with what was run."""
-    if result.ran or not (run_dir / "run.yaml").is_file():
+    if result.ran or not _is_noted(result, run_dir / "run.yaml"):
         write_run_yaml(run_dir, config)
+
+
+def _is_noted(result: StageResult, path: Path) -> bool:
+    """Whether run.yaml says of a finished stage what its manifest says; a killed process may have left it behind."""
+    try:
+        content = parse_yaml(read_text(path))
+        stage = next(stage for stage in STAGES if stage.name == result.stage)
+        is_same = content["settings"].get(stage.section, result.manifest.settings) == result.manifest.settings
+        return bool(is_same and (stage is not INGEST or content["recordings"] == result.manifest.inputs))
+    except DAMAGE:
+        return False
 
 
 def write_run_yaml(run_dir: Path, config: Config) -> None:

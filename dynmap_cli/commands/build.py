@@ -7,12 +7,13 @@ from pathlib import Path
 import click
 
 from dynmap_cli.commands.options import PATH, Shared, print_results, recording_options, shared_options
+from dynmap_cli.commands.piped import LogPath
 
 STAGE_NAMES = ("ingest", "map", "segment", "cluster", "report")
 
 
 @click.command("build")
-@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
 @click.option("--force", is_flag=True, help="Run every stage, and replace a RUN of other recordings.")
 @click.option(

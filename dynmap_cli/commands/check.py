@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+from dynmap_cli.commands.piped import LogPath
 
 if TYPE_CHECKING:
     from dynmap_cli.checking import Check, Refusal
 
 
 @click.command("check")
-@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
     "--salvage",
     "salvage_path",

@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+from dynmap_cli.commands.piped import LogPath
 
 
 @click.command("clean")
-@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
     "-o",
     "--output",

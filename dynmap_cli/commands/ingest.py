@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
+from dynmap_cli.commands.piped import LogPath
 
 
 @click.command("ingest")
-@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
 @click.option(
     "--force", is_flag=True, help="Run also when up to date, and replace scans of other recordings."

@@ -17,6 +17,7 @@ from dynmap_cli.commands.options import (
     shared_options,
     three_numbers,
 )
+from dynmap_cli.commands.piped import LogPath
 
 
 def _own_options(function: Function) -> Function:
@@ -44,7 +45,7 @@ def _own_options(function: Function) -> Function:
 
 
 @click.command("localize")
-@click.argument("paths", metavar="[RUN] LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("paths", metavar="[RUN] LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/localization/NAME.")
 @click.option(
     "--map", "map_yaml", metavar="FILE.yaml", type=PATH, help="Localize in this map_server map, without RUN."

@@ -8,11 +8,12 @@ from pathlib import Path
 import click
 
 from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, reading_options
+from dynmap_cli.commands.piped import LogPath
 
 
 @click.command("update")
 @click.argument("run_dir", metavar="RUN", type=PATH)
-@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
     "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
 )

@@ -23,6 +23,7 @@ from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_ex
 from dynmap_cli.ingest.raw import file_name
 from dynmap_cli.ingest.salvage import Span, stored_messages
 from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
+from dynmap_cli.ingest.unpacking import unpacked_message
 
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
 
@@ -185,7 +186,7 @@ def _bag_messages(reader: AnyReader, channels: dict[int, Channel], path: Path) -
         except Exception as err:
             raise UnreadableContainerError(path, words_of(err)) from err
         key = id(connection)
-        yield StoredMessage(logged_ns, logged_ns, counts[key], channels[key], bytes(data))
+        yield _plain(StoredMessage(logged_ns, logged_ns, counts[key], channels[key], bytes(data)))
         counts[key] += 1
     stated = sum(connection.msgcount for connection in reader.connections)
     if counts.total() != stated:
@@ -210,7 +211,14 @@ def _whole_messages(path: Path, damage: Damage) -> Iterator[StoredMessage]:
         damage.span.add(stored.logged_ns)
         if stored.channel not in described:
             described[stored.channel] = _with_definition(stored.channel)
-        yield stored._replace(channel=described[stored.channel])
+        yield _plain(stored._replace(channel=described[stored.channel]))
+
+
+def _plain(stored: StoredMessage) -> StoredMessage:
+    """The same message, not compressed; without the metadata of their folder bags do not say which are."""
+    if stored.channel.message_encoding != "cdr":
+        return stored
+    return stored._replace(data=unpacked_message(stored.data))
 
 
 def _with_definition(channel: Channel) -> Channel:

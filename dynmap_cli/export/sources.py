@@ -36,16 +36,22 @@ def copy_sources(
     LogError
         If a recording cannot be read, or is damaged and not to be used.
     """
-    refused: dict[Path, str] = {}
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
         sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
+        refused = {source.path: source.damage for source in sources if source.damage}
+        if settings.strict and refused:
+            names = ", ".join(source.name for source in sources if source.damage)
+            raise _refused(names, "; ".join(refused.values()))
         while True:
             try:
                 return write(sources, refused)
             except UnreadableContainerError as err:
                 if settings.strict:
-                    names = ", ".join(source.name for source in sources)
-                    msg = f"{names}: cut off or damaged ({err.why}), which --strict (ingest.strict) refuses"
-                    raise LogError(msg) from err
+                    raise _refused(", ".join(source.name for source in sources), err.why) from err
                 refused[err.path] = err.why
+
+
+def _refused(names: str, why: str) -> LogError:
+    """One line for a damaged recording that is not to be used."""
+    return LogError(f"{names}: cut off or damaged ({why}), which --strict (ingest.strict) refuses")

@@ -22,7 +22,7 @@ def replacing(path: Path) -> Iterator[Path]:
         yield part
         part.replace(path)
     except OSError as err:
-        msg = f"{path}: cannot be written ({err.strerror or err}). Choose another output or free the place."
+        msg = f"{path}: cannot be written ({_why(err)}). Choose another output or free the place."
         raise ArtifactError(msg) from err
     finally:
         with suppress(OSError):
@@ -38,16 +38,30 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
     ArtifactError
         If it cannot be made or filled. Other failures of the system are not about writing, and pass.
     """
-    part = folder.with_name(f".{folder.name}.part")
+    part = _scratch_of(folder)
     try:
-        shutil.rmtree(part, ignore_errors=True)
+        discard_scratch(folder)
         part.mkdir(parents=True)
         yield part
     except OSError as err:
         where = Path(str(err.filename or part))
         if err.errno not in _NO_SPACE and not where.is_relative_to(folder.parent):
             raise
-        msg = f"{where}: cannot be written ({err.strerror or err}). Choose another output or free the place."
+        msg = f"{where}: cannot be written ({_why(err)}). Choose another output or free the place."
         raise ArtifactError(msg) from err
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        discard_scratch(folder)
+
+
+def discard_scratch(folder: Path) -> None:
+    """Take away what a process that was killed left in the scratch folder of *folder*."""
+    shutil.rmtree(_scratch_of(folder), ignore_errors=True)
+
+
+def _scratch_of(folder: Path) -> Path:
+    return folder.with_name(f".{folder.name}.part")
+
+
+def _why(err: OSError) -> str:
+    """What the system says; NumPy only counts what it could not write."""
+    return err.strerror or (str(err) if err.errno else f"not to its end, as on a full disk: {err}")

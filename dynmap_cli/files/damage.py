@@ -27,10 +27,11 @@ _LONGEST_WORDS = 200
 
 
 def reason(error: BaseException) -> str:
-    """Say in one line what is wrong, without the path that stands before it."""
+    """Say in one line of printable characters what is wrong, without the path that stands before it."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     words = " ".join(str(error).split()) or type(error).__name__
+    words = "".join(one if one.isprintable() else "?" for one in words)
     if isinstance(error, KeyError):
         words = f"{words} is missing"
     return words if len(words) <= _LONGEST_WORDS else f"{words[:_LONGEST_WORDS]}..."

@@ -21,6 +21,7 @@ from dynmap_cli.files.manifest import FORMAT_VERSION, sha256_of
 
 NAME = "edits.yaml"
 _LONGEST_NAME, _MOST_CORNERS, _LEAST_AREA_M2 = 60, 10_000, 1e-6
+_SIDES = 4
 
 
 def edit_digests(run_dir: Path) -> dict[str, str]:
@@ -53,14 +54,13 @@ def read_edits(run_dir: Path) -> tuple[Correction, ...]:
     if not path.is_file():
         return ()
     with refusing_damage(f"{path}: not a list of corrections", "Mend it or take it away.", ArtifactError):
-        content = parse_yaml(read_text(path))
+        content = _mapping(parse_yaml(read_text(path)), "the file")
         found = content["format_version"]
         if found != FORMAT_VERSION:
             msg = f"format version {found}, this dynmap reads version {FORMAT_VERSION}"
             raise ValueError(msg)
-        corrections = tuple(
-            _numbered(number, entry) for number, entry in enumerate(content["corrections"], start=1)
-        )
+        entries = _list(content["corrections"], "corrections")
+        corrections = tuple(_numbered(number, entry) for number, entry in enumerate(entries, start=1))
         added = [one.submap_id for one in corrections if isinstance(one, Addition)]
         if len(set(added)) < len(added):
             msg = f"two areas are added with one number: {added}"
@@ -91,6 +91,9 @@ def check_corners(corners: Sequence[Sequence[float]]) -> tuple[tuple[float, floa
     ValueError
         If there are less than three, or they span no area.
     """
+    if any(len(corner) != len("xy") for corner in corners):
+        msg = "a corner is two numbers, x and y in metres"
+        raise ValueError(msg)
     points = tuple((float(x), float(y)) for x, y in corners)
     if not 3 <= len(points) <= _MOST_CORNERS:
         msg = f"{len(points)} corners, a polygon has 3 to {_MOST_CORNERS}"
@@ -144,12 +147,47 @@ def _entry(correction: Correction) -> dict[str, Any]:
     return {"drop": where}
 
 
-def _numbered(number: int, entry: dict[str, Any]) -> Correction:
+def _mapping(value: object, what: str) -> dict[str, Any]:
+    """Keys with values."""
+    if not isinstance(value, dict):
+        msg = f"{what} is {_said(value)}, not `key: value` lines"
+        raise ValueError(msg)
+    return dict(value)
+
+
+def _list(value: object, what: str) -> list[Any]:
+    """Values in a row."""
+    if not isinstance(value, list):
+        msg = f"{what} is {_said(value)}, not a list"
+        raise ValueError(msg)
+    return value
+
+
+def _numbers(value: object, what: str) -> list[float]:
+    """Numbers in a row."""
+    row = _list(value, what)
+    try:
+        return [float(one) for one in row]
+    except (TypeError, ValueError, OverflowError) as err:
+        msg = f"{what} holds something that is no number: {_said(value)}"
+        raise ValueError(msg) from err
+
+
+def _said(value: object) -> str:
+    """A value as it may stand in a message."""
+    return "empty" if value is None else f"{value!r:.60}"
+
+
+def _numbered(number: int, entry: object) -> Correction:
     """One entry; what is wrong is said with its number."""
     try:
-        ((kind, words),) = entry.items()
-        return _correction(str(kind), dict(words))
-    except (ValueError, TypeError, AttributeError, KeyError) as err:
+        content = _mapping(entry, "it")
+        if len(content) != 1:
+            msg = f"it says {len(content)} things, not one of merge, drop, name, add"
+            raise ValueError(msg)
+        kind, words = next(iter(content.items()))
+        return _correction(str(kind), _mapping(words, f"'{kind}'"))
+    except (ValueError, KeyError) as err:
         why = f"{err} is missing" if isinstance(err, KeyError) else str(err)
         msg = f"correction {number}: {why}"
         raise ValueError(msg) from err
@@ -160,7 +198,8 @@ def _correction(kind: str, words: dict[str, Any]) -> Correction:
     submap_id = _count(words.pop("submap"))
     made: Correction
     if kind == "add":
-        made = Addition(submap_id, check_corners(words.pop("polygon_m")))
+        corners = _list(words.pop("polygon_m"), "polygon_m")
+        made = Addition(submap_id, check_corners([_numbers(corner, "a corner") for corner in corners]))
     else:
         place = Place(submap_id, _rectangle(words.pop("rectangle_m")))
         if kind == "merge":
@@ -178,18 +217,19 @@ def _correction(kind: str, words: dict[str, Any]) -> Correction:
     return made
 
 
-def _rectangle(sides: Sequence[float]) -> Rectangle:
+def _rectangle(sides: object) -> Rectangle:
     """Left, bottom, right, top."""
-    left, bottom, right, top = (float(side) for side in sides)
+    numbers = _numbers(sides, "rectangle_m")
+    left, bottom, right, top = numbers if len(numbers) == _SIDES else (math.nan,) * _SIDES
     if not (left < right and bottom < top and max(map(abs, (left, bottom, right, top))) <= FARTHEST_M):
-        msg = f"rectangle_m is left, bottom, right, top, not {list(sides)}"
+        msg = f"rectangle_m is left, bottom, right, top, not {_said(sides)}"
         raise ValueError(msg)
     return Rectangle(left, bottom, right, top)
 
 
-def _states(numbers: Sequence[int]) -> tuple[int, ...]:
+def _states(numbers: object) -> tuple[int, ...]:
     """Two states or more."""
-    states = tuple(sorted({_count(number) for number in numbers}))
+    states = tuple(sorted({_count(number) for number in _list(numbers, "states")}))
     if len(states) < 2:
         msg = "states are two or more"
         raise ValueError(msg)

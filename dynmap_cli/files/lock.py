@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Iterator
-from contextlib import contextmanager
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from dynmap_cli.errors import ArtifactError
@@ -14,7 +15,7 @@ LOCK_NAME = ".lock"
 
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Hold a folder for writing; made if it is missing.
+    """Hold a folder for writing; made if it is missing, and gone again where work that fails puts nothing into it.
 
     Raises
     ------
@@ -22,6 +23,7 @@ def writing(folder: Path) -> Iterator[None]:
         If another process reads or writes it, or it cannot be written.
     """
     try:
+        missing = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / LOCK_NAME).open("a")
     except OSError as err:
@@ -29,7 +31,22 @@ def writing(folder: Path) -> Iterator[None]:
         raise ArtifactError(msg) from err
     with stream:
         _take(stream.fileno(), folder, fcntl.LOCK_EX)
-        yield
+        try:
+            yield
+        except BaseException:
+            _take_away_stub(missing)
+            raise
+
+
+def _take_away_stub(made: Sequence[Path]) -> None:
+    """Take away folders that were made, innermost first, if no file but the lock is in them."""
+    if not made or any(path.is_file() and path.name != LOCK_NAME for path in made[0].rglob("*")):
+        return
+    with suppress(OSError):
+        (made[0] / LOCK_NAME).unlink(missing_ok=True)
+        inner = sorted((path for path in made[0].rglob("*") if path.is_dir()), reverse=True)
+        for place in (*inner, *made):
+            place.rmdir()
 
 
 @contextmanager
@@ -55,7 +72,10 @@ def _take(descriptor: int, folder: Path, kind: int) -> None:
     """Lock at once or say who has it."""
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except BlockingIOError as err:
+        # Who had it before may have taken the folder away.
+        if (folder / LOCK_NAME).stat().st_ino != os.fstat(descriptor).st_ino:
+            raise BlockingIOError
+    except (BlockingIOError, FileNotFoundError) as err:
         msg = f"{folder}: another dynmap is working in this folder. Wait until it is done, or choose another output."
         raise ArtifactError(msg) from err
     except OSError as err:

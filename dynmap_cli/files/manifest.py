@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +84,21 @@ def read_manifest(folder: Path, stage: str) -> Manifest | None:
         )
         raise ArtifactError(msg)
     try:
+        _check_keys(content)
         manifest = Manifest(**content)
         _check(manifest, stage)
     except (TypeError, ValueError) as err:
         msg = f"{path}: not a manifest of dynmap ({reason(err)}). Run the stage again with --force."
         raise ArtifactError(msg) from err
     return manifest
+
+
+def _check_keys(content: dict[str, Any]) -> None:
+    """Refuse a manifest that lacks something, or says more than one does."""
+    known = {one.name for one in fields(Manifest)}
+    for name in sorted(known ^ content.keys()):
+        msg = f"'{name[:60]}' {'is missing' if name in known else 'is not known'}"
+        raise ValueError(msg)
 
 
 def _check(manifest: Manifest, stage: str) -> None:

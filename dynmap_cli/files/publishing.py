@@ -17,13 +17,14 @@ SWAPPED_IN = ".update.made"
 def publish(part: Path, folder: Path, manifest: Manifest) -> None:
     """Move the files of a stage to their place; the manifest is taken away first and written last.
 
-    Files that an interrupted call moved already are left where they are.
+    Files that an interrupted call moved already are left where they are. What there will be no more goes while the
+    manifest still names it, so that nothing stays for ever that no manifest knows of.
     """
     previous = read_manifest_or_none(folder, manifest.stage)
-    manifest_path(folder, manifest.stage).unlink(missing_ok=True)
     for name in previous.outputs if previous else ():
         if name not in manifest.outputs:
             (folder / name).unlink(missing_ok=True)
+    manifest_path(folder, manifest.stage).unlink(missing_ok=True)
     for name in manifest.outputs:
         if (part / name).exists():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)

@@ -57,7 +57,9 @@ def bag1_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
                 yield StoredMessage(logged_ns, logged_ns, counts[channel], channel, data)
                 counts[channel] += 1
         elif record.op == _BAG and len(index_at := record.fields.get(b"index_pos", b"")) == _U64.size:
-            losses.note_missing(_U64.unpack(index_at)[0] - len(view))
+            index_at_byte = _U64.unpack(index_at)[0]
+            losses.is_size_known = index_at_byte > 0
+            losses.note_missing(index_at_byte - len(view))
 
 
 def _chunk(

@@ -29,6 +29,7 @@ from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, end_of_messages
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.stored import Channel, words_of
+from dynmap_cli.ingest.unpacking import unpacked_message
 
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
@@ -176,7 +177,7 @@ def _take_all(reader: AnyReader, recording: RawRecording) -> None:
     found = 0
     for topic, message_type, logged_ns, data in stream:
         found += 1
-        batches.add(topic, message_type, logged_ns, data)
+        batches.add(topic, message_type, logged_ns, unpacked_message(data) if reader.is2 else data)
     batches.finish()
     stated = sum(connection.msgcount for connection in wanted)
     if found != stated:
@@ -288,7 +289,7 @@ def decode_message(channel: Channel, data: bytes) -> Any:
         return protobuf.decode(data, channel.schema_data, channel.schema_name)
     if channel.message_encoding == "ros1":
         return _ros1_types().deserialize_ros1(data, channel.message_type)
-    return _ros2_types().deserialize_cdr(data, channel.message_type)
+    return _ros2_types().deserialize_cdr(unpacked_message(data), channel.message_type)
 
 
 def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:

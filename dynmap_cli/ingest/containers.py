@@ -1,25 +1,25 @@
-"""From a path to plain recordings: unpacks .gz, .bz2, .xz and .zip; tells formats apart by content, not by name."""
+"""From a path to plain recordings: unpacks .gz, .bz2, .xz, .zst and .zip; tells formats by content, not by name."""
 
 from __future__ import annotations
 
-import bz2
-import gzip
-import lzma
 import re
 import shutil
 import stat
 import zipfile
-import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
+from dynmap_cli.ingest.plausible import printable
+from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, unpacked_file
+from dynmap_cli.ingest.zip_members import Member, members_of, members_without_list
 
 KNOWN = (
     "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), "
-    "each plain, .gz, .bz2, .xz or in a .zip"
+    "each plain, .gz, .bz2, .xz, .zst or in a .zip"
 )
 _MAGIC = (
     (b"#ROSBAG V2.0", "ros1"),
@@ -28,29 +28,27 @@ _MAGIC = (
     (b"\x1f\x8b", "gzip"),
     (b"BZh", "bzip2"),
     (b"\xfd7zXZ\x00", "xz"),
+    (b"\x28\xb5\x2f\xfd", "zstd"),
     (b"PK\x03\x04", "zip"),
     (b"PK\x05\x06", "zip"),
 )
-_COMPRESSED = {"gzip", "bzip2", "xz"}
 _SUFFIXES = {"ros1": ".bag", "db3": ".db3", "mcap": ".mcap"}
 _CARMEN = re.compile(
     rb"^(#.*CARMEN|(FLASER|RLASER|ROBOTLASER\d|RAWLASER\d|ODOM|PARAM|SYNC)[ \t])", re.MULTILINE
 )
 _WEAN = re.compile(rb"^[OL]( -?[0-9.]+){4}", re.MULTILINE)
 _HEAD_BYTES = 1 << 16
-_BLOCK_BYTES = 1 << 20
+_WATCHED_BYTES = 1 << 20
 _LONGEST_SHOWN = 200
 _LEAST_PRINTABLE = 0.9
 _MOST_LAYERS, _MOST_MEMBERS = 5, 10_000
 _UNPACK_ERRORS = (
-    EOFError,
     OSError,
     ValueError,
     OverflowError,
     MemoryError,
-    zlib.error,
-    lzma.LZMAError,
     zipfile.BadZipFile,
+    DamagedStreamError,
     RuntimeError,  # encrypted members
     NotImplementedError,  # unknown compression
 )
@@ -68,11 +66,14 @@ class Source:
         "carmen", "wean", "ros1", "ros2" (folder), "db3" or "mcap".
     path : Path
         Where the unpacked content is; bags have the suffix of their kind.
+    damage : str
+        What is wrong with the file that it was unpacked from; "" where nothing is, or it was not packed.
     """
 
     name: str
     kind: str
     path: Path
+    damage: str = ""
 
 
 def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
@@ -131,23 +132,36 @@ def check_path(path: Path) -> None:
         raise LogError(msg)
 
 
-def _source_of_file(path: Path, name: str, scratch: Path, limit_bytes: int, layers: int = 0) -> Source:
-    """Unpack a file until something plain is left."""
+def _source_of_file(
+    path: Path, name: str, scratch: Path, limit_bytes: int, layers: int = 0, damage: str = ""
+) -> Source:
+    """Unpack a file until something plain is left, as far as it can be."""
     kind = kind_of(path, name)
     if layers > _MOST_LAYERS:
         msg = f"{name}: packed more than {_MOST_LAYERS} times over. Unpack it and pass the recording inside."
         raise LogError(msg)
     if kind == "zip":
-        return _source_in_zip(path, name, scratch, limit_bytes, layers)
-    if kind in _COMPRESSED:
+        return _source_in_zip(path, name, scratch, limit_bytes, layers, damage)
+    if kind in STREAM_KINDS:
         target = _new_folder(scratch) / "unpacked"
         try:
-            with _decompressed(path, kind) as stream:
-                _copy_limited(stream, target, limit_bytes, name)
+            _, why = _copy_limited(unpacked_file(path, kind), target, limit_bytes, name)
         except _UNPACK_ERRORS as err:
-            raise _cannot_unpack(name, kind, err) from err
-        return _source_of_file(target, name, scratch, limit_bytes, layers + 1)
-    return Source(name, kind, _with_suffix(path, kind, scratch))
+            raise _cannot_unpack(name, kind, reason(err)) from err
+        if why:
+            _require_known(target, name, kind, why)
+            why = f"the {kind} file is damaged or cut off: {why}"
+            damage = f"{damage}; {why}" if damage else why
+        return _source_of_file(target, name, scratch, limit_bytes, layers + 1, damage)
+    return Source(name, kind, _with_suffix(path, kind, scratch), damage)
+
+
+def _require_known(target: Path, name: str, kind: str, why: str) -> None:
+    """Refuse a damaged file of which nothing is left that can be told to be a recording."""
+    try:
+        kind_of(target, name)
+    except LogError as err:
+        raise _cannot_unpack(name, kind, why) from err
 
 
 def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
@@ -158,13 +172,6 @@ def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
     link = _new_folder(scratch) / f"recording{suffix}"
     link.symlink_to(path.resolve())
     return link
-
-
-def _decompressed(path: Path, kind: str) -> gzip.GzipFile | bz2.BZ2File | lzma.LZMAFile:
-    """Open a compressed file."""
-    if kind == "xz":
-        return lzma.LZMAFile(path)
-    return gzip.GzipFile(path) if kind == "gzip" else bz2.BZ2File(path)
 
 
 def kind_of(path: Path, name: str) -> str:
@@ -193,7 +200,7 @@ def _kind_of_head(head: bytes, name: str) -> str:
         if head.startswith(magic):
             return kind
     if head.startswith((b"#ROSRECORD", b"#ROSBAG")):
-        version = head.split(b"\n", 1)[0].decode("ascii", "replace").strip()[:40]
+        version = printable(head.split(b"\n", 1)[0].decode("ascii", "replace").strip()[:40])
         msg = (
             f"{name}: '{version}' is a bag format older than '#ROSBAG V2.0', which is not read. "
             "Convert it with the rosbag of its time."
@@ -219,33 +226,44 @@ def _looks_like_recording(path: Path) -> bool:
     """Whether a file in a folder is of a known format; others lie beside recordings and are passed over."""
     try:
         kind = kind_of(path, path.name)
-        if kind in _COMPRESSED:
-            with _decompressed(path, kind) as stream:
-                kind = _kind_of_head(stream.read(_HEAD_BYTES), path.name)
+        if kind in STREAM_KINDS:
+            head = b""
+            with suppress(DamagedStreamError):
+                for block in unpacked_file(path, kind):
+                    head += block
+                    if len(head) >= _HEAD_BYTES:
+                        break
+            kind = _kind_of_head(head[:_HEAD_BYTES], path.name)
     except (LogError, *_UNPACK_ERRORS):
         return False
     return kind != "zip" or path.suffix == ".zip"
 
 
-def _source_in_zip(path: Path, name: str, scratch: Path, limit_bytes: int, layers: int) -> Source:
+def _source_in_zip(
+    path: Path, name: str, scratch: Path, limit_bytes: int, layers: int, damage: str
+) -> Source:
     """The one recording inside a .zip."""
     folder = _new_folder(scratch)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [m for m in archive.infolist() if not m.is_dir() and "__MACOSX" not in m.filename]
+    whys: list[str] = []
+    with ExitStack() as stack:
+        try:
+            members = _members(path, stack, whys)
             _refuse_unsafe(members, folder, name)
             left = limit_bytes
             for member in members:
-                target = folder / member.filename
+                target = folder / member.name
                 target.parent.mkdir(parents=True, exist_ok=True)
-                with archive.open(member) as stream:
-                    left -= _copy_limited(stream, target, left, name)
-    except _UNPACK_ERRORS as err:
-        raise _cannot_unpack(name, "zip", err) from err
+                copied, why = _copy_limited(member.blocks(), target, left, name)
+                left -= copied
+                whys += [why] if why else []
+        except _UNPACK_ERRORS as err:
+            raise _cannot_unpack(name, "zip", reason(err)) from err
     folders = sorted({found.parent for found in folder.rglob("metadata.yaml")})
     files = sorted(inner for inner in folder.rglob("*") if inner.is_file() and _looks_like_recording(inner))
     loose = [inner for inner in files if inner.parent not in folders]
     found = [*folders, *loose]
+    if not found and whys:
+        raise _cannot_unpack(name, "zip", "; ".join(whys[:3]))
     if len(found) != 1:
         inside = ", ".join(str(inner.relative_to(folder)) for inner in found[:5]) or "none"
         msg = (
@@ -253,39 +271,60 @@ def _source_in_zip(path: Path, name: str, scratch: Path, limit_bytes: int, layer
             "Unpack it and pass the one you mean."
         )
         raise LogError(msg)
+    if whys:
+        why = f"the zip file is damaged or cut off: {'; '.join(dict.fromkeys(whys))}"
+        damage = f"{damage}; {why}" if damage else why
     if folders:
-        return Source(name, "ros2", folders[0])
-    return _source_of_file(loose[0], name, scratch, limit_bytes, layers + 1)
+        return Source(name, "ros2", folders[0], damage)
+    return _source_of_file(loose[0], name, scratch, limit_bytes, layers + 1, damage)
 
 
-def _refuse_unsafe(members: list[zipfile.ZipInfo], folder: Path, name: str) -> None:
+def _members(path: Path, stack: ExitStack, whys: list[str]) -> list[Member]:
+    """Files in a .zip; where its list of them is damaged, as they lie in it, and why goes to *whys*."""
+    try:
+        found = members_of(stack.enter_context(zipfile.ZipFile(path)), path)
+    except zipfile.BadZipFile:
+        whys.append("the list of its files is missing or damaged")
+        found = members_without_list(path)
+    return [member for member in found if "__MACOSX" not in member.name]
+
+
+def _refuse_unsafe(members: Sequence[Member], folder: Path, name: str) -> None:
     """Refuse member names that would be written outside *folder*, and more members than a recording has."""
     if len(members) > _MOST_MEMBERS:
         msg = f"{name}: holds {len(members)} files (at most {_MOST_MEMBERS}). Unpack it and pass the recording inside."
         raise LogError(msg)
     root = folder.resolve()
     for member in members:
-        if not (root / member.filename).resolve().is_relative_to(root):
-            msg = f"{name}: holds the unsafe path '{member.filename}', so it is not unpacked"
+        if not (root / member.name).resolve().is_relative_to(root):
+            msg = f"{name}: holds the unsafe path {member.name!r:.200}, so it is not unpacked"
             raise LogError(msg)
 
 
-def _copy_limited(
-    stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File | lzma.LZMAFile, target: Path, limit_bytes: int, name: str
-) -> int:
-    """Copy a stream to a file and count its bytes; stops at the limit and before the disk is full."""
-    copied = 0
+def _copy_limited(blocks: Iterator[bytes], target: Path, limit_bytes: int, name: str) -> tuple[int, str]:
+    """Copy blocks to a file; stops at the limit and before the disk is full.
+
+    Returns how many bytes there were, and what is wrong with the blocks, "" where they are whole.
+    """
+    copied = watched = 0
+    free = shutil.disk_usage(target.parent).free
     with target.open("wb") as out:
-        while block := stream.read(_BLOCK_BYTES):
-            copied += len(block)
-            if copied > min(limit_bytes, shutil.disk_usage(target.parent).free + copied - _BLOCK_BYTES):
-                msg = (
-                    f"{name}: unpacks to more than {limit_bytes / 2**30:.1f} GiB or than the disk holds. "
-                    "Unpack it yourself or raise ingest.max_unpacked_gib."
-                )
-                raise LogError(msg)
-            out.write(block)
-    return copied
+        try:
+            for block in blocks:
+                copied += len(block)
+                watched += len(block)
+                if watched >= _WATCHED_BYTES:
+                    free, watched = shutil.disk_usage(target.parent).free, 0
+                if copied > limit_bytes or free < _WATCHED_BYTES:
+                    msg = (
+                        f"{name}: unpacks to more than {limit_bytes / 2**30:.1f} GiB or than the disk holds. "
+                        "Unpack it yourself or raise ingest.max_unpacked_gib."
+                    )
+                    raise LogError(msg)
+                out.write(block)
+        except DamagedStreamError as err:
+            return copied, str(err)
+    return copied, ""
 
 
 def _new_folder(scratch: Path) -> Path:
@@ -295,8 +334,9 @@ def _new_folder(scratch: Path) -> Path:
     return folder
 
 
-def _cannot_unpack(name: str, kind: str, err: BaseException) -> LogError:
+def _cannot_unpack(name: str, kind: str, why: str) -> LogError:
     """One line for a damaged archive."""
     return LogError(
-        f"{name}: the {kind} file is damaged or cut off ({reason(err)}). Copy it again from the robot."
+        f"{name}: the {kind} file is damaged or cut off ({why}), and no recording can be read from it. "
+        "Copy it again from the robot."
     )

@@ -10,7 +10,7 @@ from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.columns import blocks_of
 from dynmap_cli.ingest.merging import Columns
-from dynmap_cli.ingest.raw import RawLaser, RawRecording
+from dynmap_cli.ingest.raw import RawLaser, RawRecording, file_name
 from dynmap_cli.ingest.track_quality import jumps_m
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
@@ -48,6 +48,17 @@ def drop_impossible(recording: RawRecording) -> None:
             ] += int(np.count_nonzero(~is_usual))
             laser.keep(is_usual)
         _note_beam_intervals(recording, laser.name)
+
+
+def note_damaged_pack(recording: RawRecording, why: str) -> None:
+    """Say that what was read is only what could be unpacked of a damaged file."""
+    stamps_ns = [one for laser in recording.lasers.values() for one in laser.stamps_ns]
+    span_s = (max(stamps_ns) - min(stamps_ns)) * 1e-9 if stamps_ns else 0.0
+    recording.damage.append(why)
+    recording.warnings.append(
+        f"{file_name(recording.name)}: {why}; recovered {recording.n_read} messages of this {recording.kind}, "
+        f"up to t = {span_s:.1f} s"
+    )
 
 
 def _note_beam_intervals(recording: RawRecording, name: str) -> None:

@@ -161,6 +161,7 @@ def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
             yield from _message(record, view, names, losses)
     if not is_closed:
         losses.note("it was not closed properly")
+        losses.is_size_known = False
 
 
 def _chunk(record: _Record, view: memoryview, names: _Names, losses: Losses) -> Iterator[StoredMessage]:

@@ -22,6 +22,7 @@ from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
+    note_damaged_pack,
     note_odometry,
     note_shared_stamps,
     note_stamps,
@@ -161,7 +162,9 @@ def load_recordings(
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
         sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
         recordings = [_load(source, settings, space) for source in sources]
-    for recording in recordings:
+    for source, recording in zip(sources, recordings, strict=True):
+        if source.damage and source.damage not in recording.damage:
+            note_damaged_pack(recording, source.damage)
         if settings.strict and recording.damage:
             raise _refused(recording)
         drop_impossible(recording)
@@ -197,10 +200,9 @@ def _lost(recording: RawRecording) -> str:
 def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
     """Read one recording with the reader of its format."""
     _log.debug("%s: %s", source.name, source.kind)
-    if source.kind == "carmen":
-        return read_carmen(source.path, source.name, space.folder)
-    if source.kind == "wean":
-        return read_wean(source.path, source.name, space.folder)
+    if source.kind in {"carmen", "wean"}:
+        read = read_carmen if source.kind == "carmen" else read_wean
+        return read(source.path, source.name, space.folder)
     # Text logs do without the libraries for bags.
     from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
     from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
@@ -208,6 +210,8 @@ def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecordin
 
     kind = _BAG_NAMES[source.kind]
     try:
+        if source.damage:
+            raise UnreadableBagError(source.damage)
         recording = read_bag(source.path, source.name, kind, space)
     except UnreadableBagError as err:
         recording = read_salvaged(source.path, source.name, kind, err, space.folder)

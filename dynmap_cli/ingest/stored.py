@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from dynmap_cli.files.damage import reason
-from dynmap_cli.ingest.plausible import printable
 
 DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
 """What taking broken bytes apart raises."""
@@ -69,6 +68,8 @@ class Losses:
         Blocks of messages that were passed over.
     lost_messages : int
         Messages that are known to be missing one by one.
+    is_size_known : bool
+        Whether the container says how long it was; not where it was never closed.
     """
 
     why: list[str] = field(default_factory=list)
@@ -76,6 +77,7 @@ class Losses:
     lost_bytes: int = 0
     lost_chunks: int = 0
     lost_messages: int = 0
+    is_size_known: bool = True
 
     def note(self, why: str, *, n_bytes: int = 0, chunks: int = 0, messages: int = 0) -> None:
         """Add a loss; what is wrong is said once."""
@@ -97,11 +99,22 @@ class Losses:
         lost += [f"{self.lost_chunks} blocks of messages"] if self.lost_chunks else []
         lost += [f"{self.lost_messages} single messages"] if self.lost_messages else []
         return (
-            f"{name}: this {kind} is cut off or damaged ({'; '.join(self.why[:3])}); recovered {n_found} messages over "
-            f"{span_s:.1f} s, lost {', '.join(lost) or 'no message that is known of'}"
+            f"{name}: this {kind} is cut off or damaged ({'; '.join(self.why[:3])}); recovered {n_found}"
+            f"{self._of_how_many(n_found)} messages, up to t = {span_s:.1f} s, "
+            f"lost {', '.join(lost) or 'no message that is known of'}"
         )
+
+    def _of_how_many(self, n_found: int) -> str:
+        """How many messages there were, going by the share of the bytes that is lost."""
+        left_bytes = self.n_bytes - self.lost_bytes
+        nothing_lost = not (self.lost_bytes or self.lost_messages)
+        if nothing_lost or left_bytes <= 0 or not self.is_size_known:
+            return ""
+        there_were = (n_found + self.lost_messages) * self.n_bytes / left_bytes
+        two_digits = 10 ** max(len(str(int(there_were))) - 2, 0)
+        return f" of about {max(round(there_were / two_digits) * two_digits, n_found)}"
 
 
 def words_of(err: BaseException) -> str:
     """What a library complains of, on one line."""
-    return printable(reason(err)).rstrip(".")
+    return reason(err).rstrip(".")

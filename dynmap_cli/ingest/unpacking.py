@@ -19,6 +19,20 @@ _DECODERS: dict[str, Callable[[], Any]] = {
 }
 
 
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+def unpacked_message(data: bytes) -> bytes:
+    """A message as it was sent: rosbag2 may compress each by itself, and only the metadata of the folder say so.
+
+    No message in CDR begins as zstd does, for its first byte is 0.
+    """
+    if bytes(data[: len(_ZSTD_MAGIC)]) != _ZSTD_MAGIC:
+        return data
+    content, is_whole = unpack(memoryview(data), "zstd")
+    return bytes(content) if is_whole else data
+
+
 def unpack(data: memoryview, compression: str) -> tuple[memoryview, bool]:
     """The content of a block, and whether it is whole; what was unpacked before a fault is kept.
 

@@ -34,11 +34,30 @@ def test_without_corrections_there_is_no_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        ("[1, 2]", "not a list of corrections"),
+        ("[1, 2]", "the file is [1, 2], not `key: value` lines"),
+        ("", "the file is empty"),
+        ("{format_version: 1, corrections: 3}", "corrections is 3, not a list"),
+        (
+            "{format_version: 1, corrections: [{drop: 3}]}",
+            "correction 1: 'drop' is 3, not `key: value` lines",
+        ),
+        ("{format_version: 1, corrections: [{}]}", "correction 1: it says 0 things, not one of merge"),
+        (
+            "{format_version: 1, corrections: [{drop: {submap: 1, rectangle_m: [0, 0, 1]}}]}",
+            "correction 1: rectangle_m is left, bottom, right, top, not [0, 0, 1]",
+        ),
+        (
+            "{format_version: 1, corrections: [{drop: {submap: 1, rectangle_m: [0, 0, {}, wide]}}]}",
+            "correction 1: rectangle_m holds something that is no number",
+        ),
+        (
+            "{format_version: 1, corrections: [{merge: {submap: 1, rectangle_m: [0, 0, 1, 1], states: 2}}]}",
+            "correction 1: states is 2, not a list",
+        ),
         ("corrections: []", "'format_version' is missing"),
         ("{format_version: 2, corrections: []}", "format version 2, this dynmap reads version 1"),
         ("{format_version: 1, corrections: [{drop: {submap: 1}}]}", "correction 1: 'rectangle_m' is missing"),
-        ("{format_version: 1, corrections: [drop]}", "correction 1: "),
+        ("{format_version: 1, corrections: [drop]}", "correction 1: it is 'drop', not `key: value` lines"),
         ("{format_version: 1, corrections: [{paint: {submap: 1, rectangle_m: [0, 0, 1, 1]}}]}", "'paint' is"),
         (
             "{format_version: 1, corrections: [{drop: {submap: 1, rectangle_m: [0, 0, .nan, 1]}}]}",
@@ -60,7 +79,7 @@ def test_without_corrections_there_is_no_file(tmp_path):
         (f"{{format_version: 1, corrections: [{AREA}, {AREA}]}}", "two areas are added with one number"),
         (
             "{format_version: 1, corrections: [{add: {submap: 1, polygon_m: [[0, 0], [1], [1, 1]]}}]}",
-            "correction 1",
+            "correction 1: a corner is two numbers",
         ),
     ],
 )
@@ -71,6 +90,7 @@ def test_anything_else_is_refused(text, found, tmp_path):
     message = str(caught.value)
     assert found in message
     assert "\n" not in message
+    assert not any(word in message for word in ("object", "unpack", "argument", "subscript"))
 
 
 def test_a_polygon_is_a_corner_per_line(tmp_path):

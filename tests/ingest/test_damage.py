@@ -6,52 +6,34 @@ import warnings
 
 import numpy as np
 import pytest
-import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.mcap_records import SummaryState, summary_state
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.written import (
-    PERIOD_NS,
-    START_NS,
-    World,
-    carmen_line,
-    lone_file,
-    write_bag1,
-    write_bag2,
-    write_mcap,
-)
-from tests.ingest.written_foxglove import write_foxglove
+from tests.ingest.corpus import FILES, WORLD, scan_ends
+from tests.ingest.written import write_bag2
 
 SETTINGS = IngestSettings()
-WORLD = World(n_scans=60, n_beams=40, step_rad=0.05)
-
-
-def write_carmen(path):
-    lines = [
-        carmen_line(np.nan_to_num(ranges, nan=1.5, posinf=81.83), pose, pose, f"{1000 + 0.1 * number:.6f}")
-        for number, (ranges, pose) in enumerate(zip(WORLD.ranges_m, WORLD.poses, strict=True))
-    ]
-    path.write_text("".join(lines))
-    return path
 
 
 WRITERS = {
-    "ros1": lambda folder: write_bag1(folder / "a.bag", WORLD),
-    "db3": lambda folder: lone_file(write_bag2(folder / "a", WORLD), ".db3"),
-    "mcap ros2": lambda folder: write_mcap(folder / "a.mcap", WORLD, "ros2"),
-    "mcap blank": lambda folder: write_mcap(folder / "a.mcap", WORLD, ""),
-    "mcap ros1": lambda folder: write_mcap(folder / "a.mcap", WORLD, "ros1", "ros1"),
-    "foxglove json": lambda folder: write_foxglove(folder / "a.mcap", WORLD, "json"),
-    "foxglove protobuf": lambda folder: write_foxglove(folder / "a.mcap", WORLD, "protobuf", "ros2"),
-    "unchunked": lambda folder: write_foxglove(folder / "a.mcap", WORLD, "protobuf", use_chunking=False),
-    "carmen": lambda folder: write_carmen(folder / "a.log"),
+    name: FILES[name]
+    for name in (
+        "ros1",
+        "db3",
+        "mcap ros2",
+        "mcap blank",
+        "mcap ros1",
+        "foxglove json",
+        "foxglove protobuf",
+        "foxglove unchunked",
+        "carmen",
+    )
 }
-CHUNK, MESSAGE = 6, 5
+CHUNK = 6
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-WITHOUT_COMPRESSION = {"ros1": 1, "db3": 4096}
 
 
 @pytest.fixture(scope="module")
@@ -78,57 +60,9 @@ def read(path, name, data):
             return None
 
 
-def scan_ends(container, data):
-    """Where the part of a file ends that holds each scan whole: the message itself, its block, its line or its page."""
-    if container == "carmen":
-        return [at + 1 for at, byte in enumerate(data) if byte == ord("\n")]
-    if container in WITHOUT_COMPRESSION:
-        block = WITHOUT_COMPRESSION[container]
-        ends = [data.find(ranges.tobytes()) + ranges.nbytes for ranges in WORLD.ranges_m]
-        return [-(-end // block) * block for end in ends]
-    ends, at = [], 8
-    while at < len(data) - 8:
-        op, size = data[at], int.from_bytes(data[at + 1 : at + 9], "little")
-        at += 9 + size
-        content = data[at - size : at]
-        if op == CHUNK:
-            head = 32 + int.from_bytes(content[28:32], "little") + 8
-            content = zstandard.ZstdDecompressor().decompressobj().decompress(content[head:])
-            ends += [at] * (number_of_scans(content))
-        elif op == MESSAGE and is_scan(content):
-            ends.append(at)
-    return ends
-
-
-def number_of_scans(records):
-    """Scans among the records of a chunk."""
-    at, count = 0, 0
-    while at < len(records):
-        size = int.from_bytes(records[at + 1 : at + 9], "little")
-        count += records[at] == MESSAGE and is_scan(records[at + 9 :])
-        at += 9 + size
-    return count
-
-
-def is_scan(content):
-    """Whether a message was recorded a microsecond after its stamp, as only scans are here."""
-    return (int.from_bytes(content[6:14], "little") - START_NS) % PERIOD_NS == 1000
-
-
 def recovered(found):
     """Scans that were used, or left out with a count."""
     return 0 if found is None else found[0].n_scans + sum(found[1].dropped.values())
-
-
-@pytest.mark.parametrize("container", WRITERS)
-def test_of_a_file_that_is_cut_anywhere_all_scans_before_are_recovered(written, container, tmp_path):
-    name, data = written[container]
-    ends = scan_ends(container, data)
-    assert len(ends) == 60
-    rng = random.Random(container)
-    for cut in sorted(rng.randrange(len(data)) for _ in range(10)):
-        expected = sum(end <= cut for end in ends)
-        assert recovered(read(tmp_path, name, data[:cut])) >= expected, cut
 
 
 @pytest.mark.parametrize("container", [name for name in WRITERS if name.startswith("mcap")])
@@ -146,7 +80,7 @@ def test_a_recording_that_is_cut_off_is_used_up_to_there(written, container, tmp
         counts.append(log.n_scans)
         said = [line for line in report.warnings if "cut off or damaged" in line]
         assert len(said) == 1
-        assert re.search(r"recovered \d+ messages over \d+\.\d s, lost .*", said[0])
+        assert re.search(r"recovered \d+( of about \d+)? messages, up to t = \d+\.\d s, lost .*", said[0])
     assert counts == sorted(counts)
     assert counts[-1] > 50
 
@@ -187,13 +121,12 @@ def test_a_text_log_with_a_hole_of_zeros_loses_the_lines_in_it(written, tmp_path
 
 
 @pytest.mark.parametrize("container", WRITERS)
-@pytest.mark.parametrize("part", ["anywhere", "head", "tail"])
+@pytest.mark.parametrize("part", ["head", "tail"])
 def test_wrong_bytes_never_break_anything(written, container, part, tmp_path):
     name, data = written[container]
     ends = scan_ends(container, data)
     rng = random.Random(f"{container} {part}")
     low, high = {
-        "anywhere": (0, len(data)),
         "head": (0, 5000),
         "tail": (len(data) - 3000, len(data)),
     }[part]

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import Writer as Bag1Writer
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -41,6 +42,7 @@ class World:
     first_rad: float = -1.0
     step_rad: float = 0.25
     range_max_m: float = 8.0
+    skipped: int = 0
     mounting: tuple[float, ...] = (0.2, -0.1, 0.3, 0.0, 0.0, 0.0, 1.0)
     static_topic: str = "/tf_static"
     with_tf: bool = True
@@ -56,7 +58,8 @@ class World:
     @property
     def ranges_m(self) -> np.ndarray:
         rng = np.random.default_rng(3)
-        ranges = rng.uniform(0.5, 7.0, (self.n_scans, self.n_beams)).astype(np.float32)
+        n_drawn = self.skipped + self.n_scans
+        ranges = rng.uniform(0.5, 7.0, (n_drawn, self.n_beams)).astype(np.float32)[self.skipped :]
         ranges[:, 0] = np.inf
         ranges[:, 1] = np.nan
         return ranges
@@ -152,8 +155,10 @@ def build(store: Any, kind: str, fields: dict[str, Any]) -> Any:
     return store.types[kind](**values)
 
 
-def write_bag1(path: Path, world: World) -> Path:
-    with Bag1Writer(path) as writer:
+def write_bag1(path: Path, world: World, prepare: Callable[[Bag1Writer], None] = lambda _: None) -> Path:
+    writer = Bag1Writer(path)
+    prepare(writer)
+    with writer:
         connections: dict[str, Any] = {}
         for topic, kind, logged_ns, fields in world.messages():
             if topic not in connections:
@@ -162,8 +167,16 @@ def write_bag1(path: Path, world: World) -> Path:
     return path
 
 
-def write_bag2(path: Path, world: World, plugin: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
-    with Bag2Writer(path, version=9, storage_plugin=plugin) as writer:
+def write_bag2(
+    path: Path,
+    world: World,
+    plugin: StoragePlugin = StoragePlugin.SQLITE3,
+    mode: CompressionMode = CompressionMode.NONE,
+) -> Path:
+    writer = Bag2Writer(path, version=9, storage_plugin=plugin)
+    if mode is not CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
         connections: dict[str, Any] = {}
         for topic, kind, logged_ns, fields in world.messages():
             if topic not in connections:
@@ -178,11 +191,11 @@ def lone_file(folder: Path, suffix: str) -> Path:
     return next(folder.glob(f"*{suffix}"))
 
 
-def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr") -> Path:
+def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr", **options: Any) -> Path:
     """MCAP of any profile; encoding "cdr" (ros2msg), "ros1" (ros1msg) or another name, as is."""
     store, suffix = (ROS1, "ros1msg") if encoding == "ros1" else (ROS2, "ros2msg")
     with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=2000, compression=CompressionType.ZSTD)
+        writer = McapWriter(stream, **{"chunk_size": 2000, "compression": CompressionType.ZSTD, **options})
         writer.start(profile=profile, library="test")
         channels: dict[str, int] = {}
         for topic, kind, logged_ns, fields in world.messages():
@@ -203,14 +216,19 @@ def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr") ->
 
 
 def packed(path: Path, how: str) -> Path:
-    """The file as .gz, .bz2, .xz or alone in a .zip, under a name that says nothing."""
+    """The file as .gz, .bz2, .xz, .zst or alone in a .zip, under a name that says nothing."""
     target = path.with_name(f"{path.stem}-{how}.dat")
     if how == "zip":
         with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.write(path, f"inner/{path.name}")
     else:
         target.write_bytes(
-            {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress}[how](path.read_bytes())
+            {
+                "gz": gzip.compress,
+                "bz2": bz2.compress,
+                "xz": lzma.compress,
+                "zst": zstandard.ZstdCompressor(write_checksum=True).compress,
+            }[how](path.read_bytes())
         )
     return target
 

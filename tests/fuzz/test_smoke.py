@@ -1,0 +1,31 @@
+"""A few damages of every kind of input, always the same ones; `make fuzz` tries as many as there is time for."""
+
+import pytest
+
+from tests.fuzz.fuzzing import fuzz, read_damaged
+from tests.fuzz.law import obey
+from tests.fuzz.mutations import Edit
+from tests.fuzz.targets import TARGETS
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_whole_sample_is_read(name, tmp_path):
+    target = TARGETS[name]
+    target.write(tmp_path / "whole", target.sample())
+    assert obey(target.read, tmp_path / "whole") is None
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_damaged_sample_is_read_or_refused_in_one_line(name):
+    fuzz(TARGETS[name], examples=5)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "damages"),
+    [
+        ("manifest", "map.manifest.json", [Edit("write", 5, b"\x7f")]),
+        ("ros1", "a.bag", [Edit("write", 7, b"\x00")]),
+    ],
+)
+def test_what_once_broke_the_law(name, file, damages):
+    read_damaged(TARGETS[name], file, damages)
