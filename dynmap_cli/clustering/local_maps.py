@@ -125,6 +125,14 @@ def component_sizes(cells: B1) -> I64:
     return np.bincount(labels[cells], minlength=count + 1)[1:]
 
 
+def _in_groups(cells: B1, min_cells: int) -> B1:
+    """Those cells that belong to *min_cells* or more that touch."""
+    labels, count = ndimage.label(cells, structure=_EIGHT)
+    is_large = np.bincount(labels.ravel(), minlength=count + 1) >= min_cells
+    is_large[0] = False
+    return np.asarray(is_large[labels])
+
+
 def without_specks(states: I8, min_cells: int) -> I8:
     """Local map (rows, cols) without occupied groups of fewer cells: one is no change, many would look like one."""
     labels, count = component_labels(states == OCCUPIED)
@@ -212,8 +220,10 @@ class Vectors:
 def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -> Vectors:
     """Keep the cells that some maps saw occupied and others free.
 
-    Both in at least 6 % of the maps. Mixed maps do not count. Groups are left out that have fewer than *min_cells*
-    cells, or lie where segmentation saw no contradiction.
+    Both in at least 6 % of the maps that know the cell: a rare state of which one map saw a part varies in that part,
+    too. What a map says of a cell counts where it says the same of *min_cells* touching cells that some maps
+    contradict: an object appears and vanishes as a whole, noise does not. Mixed maps do not count. Groups are left out
+    that have fewer than *min_cells* cells, or lie where segmentation saw no contradiction.
 
     Parameters
     ----------
@@ -228,9 +238,17 @@ def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -
         else maps.states
     )
     pure = states[~maps.is_mixed]
-    count = pure.shape[0]
-    least = max(1, math.ceil(_LEAST_SHARE * count))
-    occupied, free = (pure == OCCUPIED).sum(axis=0), (pure == FREE).sum(axis=0)
+    is_occupied, is_free = pure == OCCUPIED, pure == FREE
+    known = is_occupied.sum(axis=0) + is_free.sum(axis=0)
+    disputed = is_occupied.any(axis=0) & is_free.any(axis=0)
+    occupied, free = (
+        sum(
+            (_in_groups(cells & disputed, min_cells) for cells in seen),
+            start=np.zeros(owned.shape, dtype=np.int64),
+        )
+        for seen in (is_occupied, is_free)
+    )
+    least = np.maximum(1, np.ceil(_LEAST_SHARE * known))
     labels, n_labels = component_labels((occupied >= least) & (free >= least) & owned)
     cells = labels > 0
     sizes = np.bincount(labels[cells], minlength=n_labels + 1)

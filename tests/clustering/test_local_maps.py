@@ -125,3 +125,15 @@ def test_a_map_of_a_rare_state_is_laid_over_the_others_of_that_state():
     moved = shifted(with_box(no_wall_across(False)), (0, 1), UNKNOWN)
     aligned = align(maps_of(*[no_wall_across(False)] * 30, *boxes, moved))
     np.testing.assert_array_equal(aligned.states[-1][:, 5:35], boxes[0][:, 5:35])
+
+
+def test_a_rare_state_varies_also_where_only_one_of_its_maps_saw_it():
+    def without_the_right(states):
+        states[:, 20:] = UNKNOWN
+        return states
+
+    partial = [without_the_right(room(closed)) for closed in [True] + [False] * 8]
+    vectors = varying_vectors(
+        maps_of(room(True), *partial, *[room(False)] * 7), everywhere(), everywhere(), 6
+    )
+    np.testing.assert_array_equal(np.flatnonzero(vectors.cells[10]), np.arange(12, 26))
