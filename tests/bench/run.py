@@ -34,6 +34,7 @@ from tests.bench import (
     peers,
     real_logs,
     robustness,
+    segmentation,
     states,
 )
 from tests.bench.measured import PROJECT, Jobs, dynmap
@@ -52,6 +53,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "beams": beams.tables,
     "clustering": clustering.tables,
     "states": states.tables,
+    "experiments": segmentation.experiment_tables,
     "drives": drives.tables,
     "localization": localization.tables,
     "peers": peers.tables,
@@ -61,6 +63,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
 LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "robustness": robustness.tables,
     "length": patrol.length_tables,
+    "segmentation": segmentation.tables,
 }
 
 
