@@ -18,6 +18,7 @@ from dynmap_cli.clustering.local_maps import (
 )
 from dynmap_cli.clustering.model_selection import assign, choose_clusters, fitting_states
 from dynmap_cli.clustering.sequences import SequenceParams, cut_sequences
+from dynmap_cli.clustering.spots import join_spots
 from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.counting.em import FilterParams
 from dynmap_cli.counting.evidence import EvidenceParams
@@ -126,6 +127,7 @@ def _learn_from(
             log, poses, submap.frame, sequences, params.evidence, params.filtering, params.min_cells
         )
     )
+    maps = join_spots(maps, submap.recurring)
     vectors = varying_vectors(maps, submap.owned, submap.contested, params.min_cells)
     labels = label_visits(vectors, maps.is_mixed, params)
     visits = tuple(

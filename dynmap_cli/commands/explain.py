@@ -45,6 +45,11 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
         f"{contested}: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
         f"and free in as many, or once if larger than people are; these cells: occupied in {occupied}, free in {free}"
     )
+    if found["recurring_cells"]:
+        rule += (
+            f"; {found['recurring_cells']} of them belong to a spot as wide as a person that was taken on three "
+            "occasions or more, hours apart, and empty on as many"
+        )
     rows = [
         (
             _time(window["start_s"]),

@@ -58,6 +58,9 @@ class SubMap:
         What people call it; "" where nobody gave it a name.
     by_hand : bool
         Whether it was added by hand; then all cells that it owns count as contested.
+    recurring : (rows, cols) bool or None
+        Of the contested cells: those of what comes back to the same spot without ever being in the same cells, as
+        people at a desk; None = none of them. Together the cells of a spot say whether it is taken.
     """
 
     submap_id: int
@@ -69,6 +72,7 @@ class SubMap:
     area_m2: float
     name: str = ""
     by_hand: bool = False
+    recurring: B1 | None = None
 
     @property
     def called(self) -> str:

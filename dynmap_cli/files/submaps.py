@@ -1,6 +1,7 @@
 """submaps/: submaps.yaml with rectangles, areas and seed cells, and one mask PGM per sub-map.
 
-In a mask, 0 is a contested cell, 254 another cell the sub-map owns, 205 a cell that another one owns.
+In a mask, 0 is a contested cell, 64 one of a spot that is taken and left, 254 another cell the sub-map owns, 205 a
+cell that another one owns.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.images import read_grey
 from dynmap_cli.files.manifest import FORMAT_VERSION
 
-_CONTESTED, _OWNED, _ELSEWHERE = 0, 254, 205
+_CONTESTED, _RECURRING, _OWNED, _ELSEWHERE = 0, 64, 254, 205
 
 
 def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
@@ -31,6 +32,8 @@ def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
     for submap in submaps:
         name = f"submap_{submap.submap_id:03d}.pgm"
         grey = np.where(submap.contested, _CONTESTED, np.where(submap.owned, _OWNED, _ELSEWHERE))
+        if submap.recurring is not None:
+            grey[submap.contested & submap.recurring] = _RECURRING
         Image.fromarray(np.flipud(grey.astype(np.uint8))).save(folder / name)
         frame = submap.frame
         row, col = np.argwhere(submap.contested)[0].tolist()
@@ -94,7 +97,9 @@ def _read_one(folder: Path, resolution_m: float, entry: dict[str, Any]) -> SubMa
     if grey.shape != (rows, cols):
         msg = f"{name} is {grey.shape[::-1]}, not {(cols, rows)}"
         raise ValueError(msg)
-    if not (grey == _CONTESTED).any():
+    recurring = grey == _RECURRING
+    contested = (grey == _CONTESTED) | recurring
+    if not contested.any():
         msg = f"{name} has no contested cell"
         raise ValueError(msg)
     origin_x, origin_y = (float(value) for value in entry["origin_m"])
@@ -108,11 +113,12 @@ def _read_one(folder: Path, resolution_m: float, entry: dict[str, Any]) -> SubMa
         frame=GridFrame(resolution, origin_x, origin_y, rows, cols),
         row=row,
         col=col,
-        contested=grey == _CONTESTED,
+        contested=contested,
         owned=grey != _ELSEWHERE,
         area_m2=float(entry["area_m2"]),
         name=str(entry.get("name", "")),
         by_hand=bool(entry.get("by_hand", False)),
+        recurring=recurring if recurring.any() else None,
     )
 
 

@@ -35,6 +35,7 @@ def explanation_of(
         "size_m": list(submap.size_m),
         "cells": int(submap.contested.size),
         "contested_cells": int(submap.contested.sum()),
+        "recurring_cells": 0 if submap.recurring is None else int(submap.recurring.sum()),
         "evidence": _evidence(evidence),
         "visits": [_visit(visit) for visit in in_time_order(visits)],
         "states": _states(submap, visits, patch_set) if patch_set else [],

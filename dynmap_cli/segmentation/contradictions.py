@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64, I8, I64
+from dynmap_cli.arrays import B1, F64, I8, I32, I64
 from dynmap_cli.counting.evidence import EvidenceParams, SurfaceCells, surface_cells
 from dynmap_cli.counting.looks import judged_looks, time_windows
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.progress import Tick, no_tick
 from dynmap_cli.segmentation.large_changes import large_changes
+from dynmap_cli.segmentation.recurring import occasions, recurring_cells
 from dynmap_cli.segmentation.windows import WindowRecord
 
 _MIN_WINDOWS, _MIN_WINDOW_SHARE = 2, 0.1
@@ -31,14 +32,14 @@ class Contradictions:
         Of these cells.
     large : (n,) bool
         Of these cells: those that only one window saw so, of things larger than a person.
-    n_windows : int
-        Windows with scans in them.
+    occasion : (n_windows,) int32
+        Number of the hour of each window with scans in it.
     """
 
     surface: SurfaceCells
     record: WindowRecord
     large: B1
-    n_windows: int
+    occasion: I32
 
     @property
     def windows_needed(self) -> int:
@@ -90,6 +91,17 @@ class Contradictions:
         kept = np.minimum(occupied, free) >= needed
         return [cells for cells, is_kept in zip(groups, kept.tolist(), strict=True) if is_kept]
 
+    def recurring(self, explained: list[I64]) -> B1:
+        """(rows, cols) cells of what comes back to the same spot, hours apart; none beside cells (n, 2) that change."""
+        others = np.concatenate([np.empty((0, 2), dtype=np.int64), *explained])
+        found = recurring_cells(self.surface, self.record, self.occasion, _stands(self.record), others)
+        return self._on_map(found).astype(bool)
+
+    @property
+    def n_windows(self) -> int:
+        """Windows with scans in them."""
+        return self.occasion.size
+
     @property
     def _is_short(self) -> bool:
         """Whether the log is so short that two windows are enough."""
@@ -136,4 +148,5 @@ def find_contradictions(
     record = WindowRecord(surface.cells.shape[0])
     for look in judged_looks(log, poses, windows, surface, params, on_window):
         record.add(look.seen, look.states)
-    return Contradictions(surface, record, large_changes(surface, record, _stands(record)), len(windows))
+    occasion = occasions(np.array([log.stamps_ns[window.start] for window in windows], dtype=np.int64))
+    return Contradictions(surface, record, large_changes(surface, record, _stands(record)), occasion)

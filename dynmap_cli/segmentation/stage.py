@@ -25,6 +25,7 @@ from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
 from dynmap_cli.segmentation.corrections import apply_corrections
 from dynmap_cli.segmentation.numbering import keep_numbers
+from dynmap_cli.segmentation.recurring import with_recurring
 from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_submaps, merge_regions
 from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.stage import Stage, StageContext
@@ -54,9 +55,11 @@ def find_submaps(
     found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
     params = _region_params(settings, frame.resolution_m)
     components = found.changed_as_one(grow_components(found.contested, params), params.min_cells)
+    recurring = found.recurring(components)
+    components += grow_components(recurring, params)
     groups = merge_regions(components, found.standing, params)
     cells = [np.concatenate([components[k] for k in group]) for group in groups]
-    return make_submaps(cells, frame, params.margin), found
+    return with_recurring(make_submaps(cells, frame, params.margin), recurring), found
 
 
 def evidence_params(settings: SegmentationSettings) -> EvidenceParams:

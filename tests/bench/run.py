@@ -24,6 +24,7 @@ from tests.bench import (
     cleaned,
     clustering,
     crowd,
+    desks,
     drives,
     filtering,
     kernels,
@@ -34,6 +35,7 @@ from tests.bench import (
     peers,
     real_logs,
     robustness,
+    segmentation,
     states,
 )
 from tests.bench.measured import PROJECT, Jobs, dynmap
@@ -52,6 +54,8 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "beams": beams.tables,
     "clustering": clustering.tables,
     "states": states.tables,
+    "experiments": segmentation.experiment_tables,
+    "desks": desks.tables,
     "drives": drives.tables,
     "localization": localization.tables,
     "peers": peers.tables,
@@ -61,6 +65,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
 LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "robustness": robustness.tables,
     "length": patrol.length_tables,
+    "segmentation": segmentation.tables,
 }
 
 

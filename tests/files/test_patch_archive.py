@@ -5,6 +5,7 @@ import io
 import json
 import math
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -282,6 +283,12 @@ def test_submaps_come_back(tmp_path):
         assert read.area_m2 == pytest.approx(written.area_m2)
         np.testing.assert_array_equal(written.contested, read.contested)
         np.testing.assert_array_equal(written.owned, read.owned)
+        assert read.recurring is None
+    marked = replace(submaps[0], recurring=np.roll(submaps[0].contested, 1, axis=1) & submaps[0].contested)
+    write_submaps(tmp_path, (marked,))
+    (read,) = read_submaps(tmp_path)
+    np.testing.assert_array_equal(read.contested, marked.contested)
+    np.testing.assert_array_equal(read.recurring, marked.recurring)
     write_submaps(tmp_path, ())
     assert read_submaps(tmp_path) == ()
 
