@@ -27,7 +27,7 @@ from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.kernels.em import look_up
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.rays import cells_on_ray
-from dynmap_cli.localization.beam_model import beam_scan_log_likelihoods, with_beam_model
+from dynmap_cli.localization.beam_model import scan_beam_log_likelihoods, with_beam_model
 from dynmap_cli.localization.global_start import lattice_candidates
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.sensor import Sweep, scan_log_likelihoods
@@ -249,7 +249,7 @@ def beam_rows(table: Table) -> None:
     window = np.array([250, 250, 100, 100, pool.log_pass.size], dtype=np.int32)
     pool, windows = replace(pool, log_pass=log_pass), np.tile(window, (1000, 1))
     for words, chosen in (("", None), (", with patches", windows)):
-        seconds = cpu_s(lambda chosen=chosen: beam_scan_log_likelihoods(pool, poses, sweep, settings, chosen))
+        seconds = cpu_s(lambda chosen=chosen: scan_beam_log_likelihoods(pool, poses, sweep, settings, chosen))
         speed = poses.shape[0] * angles.size / seconds / 1e6
         table.rows.append([
             f"beam model{words}, million particle-beams per s", f"{speed:.1f}", "5",
