@@ -16,9 +16,13 @@ from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.localization.amcl_names import amcl_parameters, is_amcl_name, translate
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.segmentation.settings import SegmentationSettings
+
+AMCL = "amcl"
+"""The section under which parameters of a file of AMCL go until they are translated."""
 
 
 class Config(BaseModel):
@@ -43,10 +47,13 @@ class LoadedConfig:
     config : Config
     origins : dict of str to str
         "section.key" -> file name or "command line".
+    notes : tuple of str
+        Parameters of AMCL that were given and are not used, with the reason.
     """
 
     config: Config
     origins: dict[str, str]
+    notes: tuple[str, ...] = ()
 
 
 def load_config(path: Path | None, assignments: Mapping[str, Any]) -> LoadedConfig:
@@ -55,7 +62,7 @@ def load_config(path: Path | None, assignments: Mapping[str, Any]) -> LoadedConf
     Parameters
     ----------
     path : Path or None
-        YAML file.
+        YAML file: sections of settings, or a parameter file of nav2 or of AMCL as it is.
     assignments : mapping of "section.key" to value
         From the command line.
 
@@ -66,15 +73,16 @@ def load_config(path: Path | None, assignments: Mapping[str, Any]) -> LoadedConf
     """
     values: dict[str, Any] = {}
     origins: dict[str, str] = {}
-    if path is not None:
-        for key, value in _flat(_read_yaml(path), path).items():
+    notes: list[str] = []
+    given = [] if path is None else [(str(path), _flat(_read_yaml(path), path))]
+    for origin, assigned in (*given, ("command line", assignments)):
+        translated, unused = _without_amcl_names(assigned, origin)
+        notes += unused
+        for key, value in translated.items():
             _assign(values, key, value)
-            origins[key] = str(path)
-    for key, value in assignments.items():
-        _assign(values, key, value)
-        origins[key] = "command line"
+            origins[key] = origin
     try:
-        return LoadedConfig(Config.model_validate(values), origins)
+        return LoadedConfig(Config.model_validate(values), origins, tuple(notes))
     except ValidationError as err:
         raise ConfigError(_explain(err, origins)) from err
 
@@ -123,8 +131,11 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 
 def _flat(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Turn sections into "section.key" entries."""
+    """Turn sections into "section.key" entries; a parameter file of AMCL is the section `localization`."""
     flat: dict[str, Any] = {}
+    parameters = None if content.keys() & Config.model_fields.keys() else amcl_parameters(content)
+    if parameters is not None:
+        return {f"{AMCL}.{name}": value for name, value in parameters.items()}
     for section, value in content.items():
         if isinstance(value, dict):
             flat.update({f"{section}.{key}": inner for key, inner in value.items()})
@@ -136,6 +147,29 @@ def _flat(content: dict[str, Any], path: Path) -> dict[str, Any]:
         else:
             flat[str(section)] = value
     return flat
+
+
+def _without_amcl_names(assigned: Mapping[str, Any], origin: str) -> tuple[dict[str, Any], list[str]]:
+    """Give settings that go by AMCL's name their own; return them and what AMCL has and dynmap has not."""
+    own: dict[str, Any] = {}
+    foreign: dict[str, Any] = {}
+    for key, value in assigned.items():
+        section, _, name = key.partition(".")
+        if section == AMCL or (section == "localization" and key not in known_keys() and is_amcl_name(name)):
+            foreign[name] = value
+        else:
+            own[key] = value
+    try:
+        settings, unused = translate(foreign)
+    except ValueError as err:
+        msg = f"{origin}: {err}"
+        raise ConfigError(msg) from err
+    for name, value in settings.items():
+        if f"localization.{name}" in own:
+            msg = f"{origin}: 'localization.{name}' is given twice, once by AMCL's name for it; leave one out"
+            raise ConfigError(msg)
+        own[f"localization.{name}"] = value
+    return own, [f"{origin}: {line}" for line in unused]
 
 
 def _assign(values: dict[str, Any], key: str, value: Any) -> None:

@@ -86,7 +86,10 @@ def shared_options(function: Function) -> Function:
         words.update({key: value for key, value in kwargs.pop("settings", {}).items() if value is not None})
         if seed is not None:
             words["seed"] = seed
-        shared = Shared(load_config(config_path, words), threads or os.cpu_count() or 1, as_json)
+        loaded = load_config(config_path, words)
+        for note in loaded.notes:
+            logging.getLogger("dynmap_cli").info(note)
+        shared = Shared(loaded, threads or os.cpu_count() or 1, as_json)
         function(*args, shared=shared, **kwargs)
 
     return wrapper

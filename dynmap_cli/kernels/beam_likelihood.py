@@ -214,6 +214,6 @@ def pool_index(a: np.int32, b: np.int32, is_steep: bool, cols: int, window: I32)
     """Where the pool holds a cell: in the patch of a window if it lies in it, else in the map."""
     row, col = (a, b) if is_steep else (b, a)
     own_row, own_col = row - window[0], col - window[1]
-    inside = (own_row >= 0) & (own_row < window[2]) & (own_col >= 0) & (own_col < window[3])
+    inside = (np.uint32(own_row) < np.uint32(window[2])) & (np.uint32(own_col) < np.uint32(window[3]))
     own = window[4] + own_row * window[3] + own_col
     return np.int32(own if inside else row * cols + col)

@@ -72,15 +72,23 @@ def log_pass_of(reflectance: F64) -> F32:
     return np.log1p(-np.minimum(reflectance, MOST_REFLECTANCE)).astype(np.float32)
 
 
-def beam_scan_log_likelihoods(
+def beams_of(sweep: Sweep, max_beams: int) -> Sweep:
+    """At most *max_beams* beams of a scan, evenly spread; also those that hit nothing."""
+    if sweep.ranges_m.size <= max_beams:
+        return sweep
+    beams = evenly(sweep.ranges_m.size, max_beams)
+    return replace(sweep, directions_rad=sweep.directions_rad[beams], ranges_m=sweep.ranges_m[beams])
+
+
+def scan_beam_log_likelihoods(
     pool: MapPool,
     poses: F64,
     sweep: Sweep,
     settings: LocalizationSettings,
     windows: I32 | None = None,
     executor: ThreadPoolExecutor | None = None,
-) -> tuple[F64, int]:
-    """Logarithm of the likelihood of a scan under Eq. 1.1 for each pose, and of how many beams.
+) -> F64:
+    """Logarithm of the likelihood of a scan under Eq. 1.1 for each pose.
 
     Beams that hit nothing say that the way is free as far as the sensor reaches.
 
@@ -99,19 +107,15 @@ def beam_scan_log_likelihoods(
 
     Returns
     -------
-    (n_poses,) float64, int
+    (n_poses,) float64
     """
     if pool.log_pass is None:
         msg = "the pool has no reflectances; with_beam_model adds them"
         raise ValueError(msg)
     frame, log_pass = pool.frame, pool.log_pass
-    beams = np.arange(sweep.ranges_m.size)
-    if beams.size > settings.max_beams:
-        beams = evenly(beams.size, settings.max_beams)
-    hits = np.isfinite(sweep.ranges_m[beams])
-    lengths = np.where(hits, sweep.ranges_m[beams], sweep.reach_m) / frame.resolution_m
-    angles = sweep.directions_rad[beams]
-    directions = np.stack([np.cos(angles), np.sin(angles)])
+    hits = np.isfinite(sweep.ranges_m)
+    lengths = np.where(hits, sweep.ranges_m, sweep.reach_m) / frame.resolution_m
+    directions = np.stack([np.cos(sweep.directions_rad), np.sin(sweep.directions_rad)])
     cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
     floor = settings.z_rand / settings.laser_max_range
     model = np.array([settings.z_hit, floor, settings.static_prior, np.log(1.0 - UNKNOWN_REFLECTANCE)])
@@ -125,7 +129,7 @@ def beam_scan_log_likelihoods(
         )  # fmt: skip
 
     in_chunks(weigh, poses.shape[0], executor)
-    return out, int(beams.size)
+    return out
 
 
 def _filled(states: F64, whole: F64) -> F64:

@@ -13,7 +13,6 @@ from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.domain.poses import Trajectory, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.localization.beam_model import beam_scan_log_likelihoods
 from dynmap_cli.localization.found import HealthRow, Localization, StateRow
 from dynmap_cli.localization.global_start import (
     LEAST_RETURNS,
@@ -33,7 +32,7 @@ from dynmap_cli.localization.motion import (
 )
 from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
 from dynmap_cli.localization.pose_rows import pose_row
-from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.sensor import Sweep, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import (
     LEAST_BEAMS,
@@ -45,6 +44,7 @@ from dynmap_cli.localization.states import (
     update_belief,
 )
 from dynmap_cli.localization.transitions import nearest_submaps, sample_states
+from dynmap_cli.localization.weighing import Weighing, weighing_of
 from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
 
@@ -163,18 +163,18 @@ class _Tracker:
         settings, stamp = self._settings, int(self._log.stamps_ns[scan])
         seconds = (stamp - int(self._log.stamps_ns[updated])) * 1e-9
         sweep = self._sweep_at(scan)
-        ends = pose_ends(sweep, settings.max_beams)
+        weighing = weighing_of(sweep, self._pool, settings)
         before = particles.poses
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if settings.states == "sampled":
             particles = self._draw_states(particles, seconds)
-        particles = self._weigh(particles, sweep, ends, stamp)
+        particles = self._weigh(particles, weighing, stamp)
         estimate = estimate_pose(particles)
         placed = place_sweep(sweep, estimate.pose)
         in_view: list[StateRow] = []
         if estimate.is_one_mode and estimate.spread_m <= WIDEST_SPREAD_M:
-            particles, in_view = self._learn_states(particles, placed, stamp)
+            particles, in_view = self._learn_states(particles, placed, weighing, stamp)
             if settings.states == "sampled" and in_view:
                 estimate = estimate_pose(particles)
                 placed = place_sweep(sweep, estimate.pose)
@@ -182,7 +182,7 @@ class _Tracker:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
-        self._remember(scan, placed, ends, particles, estimate, in_view)
+        self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
         if self._patience.is_over(self._result.health[-1].verdict):
             self._verdict = Verdict()
             self._result.searches.append(stamp)
@@ -203,7 +203,7 @@ class _Tracker:
         )
         return replace(particles, submaps=submaps, states=states)
 
-    def _weigh(self, particles: Particles, sweep: Sweep, ends: F64, stamp: int) -> Particles:
+    def _weigh(self, particles: Particles, weighing: Weighing, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
         windows = None
         if self._settings.states == "sampled":
@@ -212,23 +212,14 @@ class _Tracker:
             reach = self._settings.laser_max_range
             middle = particles.weights @ particles.poses[:, :2]
             self._world.show(self._world.near(middle, reach), stamp)
-        n_beams = ends.shape[0]
-        if self._settings.sensor == "beam":
-            log_likelihoods, n_beams = beam_scan_log_likelihoods(
-                self._pool, particles.poses, sweep, self._settings, windows, self._executor
-            )
-        else:
-            log_likelihoods = scan_log_likelihoods(
-                self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
-            )
-        return reweigh(particles, log_likelihoods, temper(n_beams, self._settings))
+        log_likelihoods = weighing.log_likelihoods(particles.poses, windows, self._executor)
+        return reweigh(particles, log_likelihoods, weighing.exponent)
 
     def _learn_states(
-        self, particles: Particles, placed: PlacedSweep, stamp: int
+        self, particles: Particles, placed: PlacedSweep, weighing: Weighing, stamp: int
     ) -> tuple[Particles, list[StateRow]]:
         """Weigh the states of all sub-maps in view by the scan at the best pose."""
         exponent = temper(placed.lengths_m.size, self._settings)
-        knows_passes = self._settings.sensor == "beam"
         rows = []
         for number in self._world.near(placed.sensor_m, self._settings.view_m):
             evidence = state_evidence(placed, self._pool, self._pool.submaps[number], self._settings)
@@ -236,7 +227,7 @@ class _Tracker:
                 continue
             if self._settings.states == "sampled":
                 particles, belief = _weigh_states(
-                    particles, number, evidence, 0.0 if knows_passes else exponent
+                    particles, number, evidence, 0.0 if weighing.knows_passes else exponent
                 )
             else:
                 prior = self._world.belief(number, stamp)

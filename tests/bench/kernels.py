@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +17,22 @@ from rosbags.highlevel import AnyReader
 from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.counting.counts import Counter, count_beams, frame_of_scans
 from dynmap_cli.counting.em import FilterParams, em_step, fixed_point
-from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.evaluation.truth import read_run
+from dynmap_cli.files.patch_archive import read_patches
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.kernels.em import look_up
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.rays import cells_on_ray
+from dynmap_cli.localization.beam_model import scan_beam_log_likelihoods, with_beam_model
 from dynmap_cli.localization.global_start import lattice_candidates
 from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.sensor import scan_log_likelihoods
+from dynmap_cli.localization.sensor import Sweep, scan_log_likelihoods
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.simulation import load_scenario, simulate
 from tests.bench import beams, real_logs
 from tests.bench.localization import sample
@@ -228,6 +233,54 @@ def likelihood_rows(table: Table) -> None:
         table.short.append((f"likelihood field{words}", f"{speed:.0f} million particle-beams per second"))
 
 
+def beam_rows(table: Table) -> None:
+    """Weighing particles by Eq. 1.1, at the same places and with the same beams as the likelihood field."""
+    draw = np.random.default_rng(0)
+    frame = GridFrame(RESOLUTION_M, 0.0, 0.0, 600, 600)
+    cells = np.where(draw.random(frame.shape) < 0.02, OCCUPIED, FREE).astype(np.int8)
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 180)
+    mean_m = CELLS_PER_BEAM * RESOLUTION_M * np.pi / 4.0
+    sweep = Sweep(np.zeros(2), angles, draw.uniform(0.5 * mean_m, 1.5 * mean_m, 180), 30.0)
+    poses = np.column_stack([draw.normal(15, 0.2, (1000, 2)), draw.normal(0, 0.1, 1000)])
+    settings = LocalizationSettings(max_beams=180)
+    grid = OccupancyGrid(frame, cells)
+    pool = with_beam_model(make_map_pool(grid, (), settings), grid, None, ())
+    log_pass = np.concatenate([pool.log_pass, np.full(100 * 100, -0.01, dtype=np.float32)])
+    window = np.array([250, 250, 100, 100, pool.log_pass.size], dtype=np.int32)
+    pool, windows = replace(pool, log_pass=log_pass), np.tile(window, (1000, 1))
+    for words, chosen in (("", None), (", with patches", windows)):
+        seconds = cpu_s(lambda chosen=chosen: scan_beam_log_likelihoods(pool, poses, sweep, settings, chosen))
+        speed = poses.shape[0] * angles.size / seconds / 1e6
+        table.rows.append([
+            f"beam model{words}, million particle-beams per s", f"{speed:.1f}", "5",
+            f"1000 particles x 180 beams of {CELLS_PER_BEAM} cells: {1000 * seconds:.0f} ms",
+        ])  # fmt: skip
+        table.short.append((f"beam model{words}", f"{speed:.1f} million particle-beams per second"))
+
+
+def whole_update_row(bench: Bench) -> Row:
+    """One update of the filter with patches in view, everything included but start and reading."""
+    run_dir, _ = bench.built("corridor", sample(bench, "monday"))
+    out_dir, _ = bench.localized("corridor-alone", run_dir, sample(bench, "tuesday"))
+    log = read_scan_log(out_dir / "scans")
+    log = replace(
+        log, ranges_m=np.ascontiguousarray(log.ranges_m[:, :180]), bearings_rad=log.bearings_rad[:, :180]
+    )
+    start = read_tum(out_dir / "trajectory.tum").poses[0]
+    settings = LocalizationSettings(
+        min_particles=1000, max_particles=1000, max_beams=180, start=tuple(start.tolist())
+    )
+    grid, _ = read_map(run_dir / "map" / "map.yaml")
+    pool = make_map_pool(grid, read_patches(run_dir / "patches" / "patches.zip"), settings)
+    updates = len(localize_log(log, pool, settings, seed=0).health)
+    seconds = cpu_s(lambda: localize_log(log, pool, settings, seed=0))
+    return [
+        f"{1000 * seconds / updates:.2f}",
+        "0.5",
+        f"motion, weighing, states of {len(pool.submaps)} sub-maps, health, estimate, resampling",
+    ]
+
+
 def start_row(bench: Bench) -> Row:
     """Lattice of a global start in an office."""
     recording = bench.recorded("still_office", "still_office-cut", lane=beams.CUT["still_office"])
@@ -310,11 +363,15 @@ def tables(bench: Bench) -> list[Table]:
         ],
         ["what", "measured", "budget", "beside"],
     )
-    for part in (counting_rows, likelihood_rows):
+    for part in (counting_rows, likelihood_rows, beam_rows):
         _try(table, part.__name__, lambda part=part: part(table))
     _try(table, "Intel", lambda: intel_rows(bench, table))
     table.add("one round of EM at fixed poses, ms", em_row)
     table.add("lattice of a global start, s per 1000 m2", lambda: start_row(bench))
+    table.add(
+        "one update, everything included, 1000 particles x 180 beams, with patches, ms",
+        lambda: whole_update_row(bench),
+    )
     table.add("localization, ms per update", lambda: update_row(bench))
     table.add("simulation, scans per s", lambda: simulation_row(bench))
     table.add("reading MCAP, scans per s", lambda: reading_row(bench))
