@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.domain.poses import between, compose, wrap_angle
+from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.modes import Look, judge_modes, look_scores
 from dynmap_cli.localization.particle_filter import Particles, estimate_pose, make_particles
-from dynmap_cli.localization.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
 
-START_BEAMS = 60
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
 SURE_SHARE = 0.99
@@ -64,12 +64,14 @@ def global_start(
     odometry until nearly all of the draw lies in one place.
     """
     candidates = lattice_candidates(log, scan, pool, settings, executor)
-    particles = draw_start(candidates, settings, random)
+    looks = [_look(log, scan, scan, settings)]
+    particles = draw_start(_judged(candidates, looks, pool, settings), settings, random)
     for later in _later_scans(log, scan, settings):
         if estimate_pose(particles).share >= SURE_SHARE:
             break
-        candidates = _with_scan(candidates, log, scan, later, pool, settings)
-        particles = draw_start(candidates, settings, random)
+        looks.append(_look(log, scan, later, settings))
+        candidates = _with_look(candidates, looks[-1], pool, settings)
+        particles = draw_start(_judged(candidates, looks, pool, settings), settings, random)
     return particles
 
 
@@ -91,10 +93,14 @@ def search_again(
         world has changed, and the robot stays where it is believed to be.
     """
     candidates = lattice_candidates(log, scan, pool, settings, executor)
-    rivals = Candidates(current, _scores(log, scan, current, pool, settings))
+    looks = [_look(log, scan, scan, settings)]
+    rivals = Candidates(current, look_scores(looks[0], current, pool, settings))
     for later in _later_scans(log, scan, settings):
-        candidates = _with_scan(candidates, log, scan, later, pool, settings)
-        rivals = _with_scan(rivals, log, scan, later, pool, settings)
+        looks.append(_look(log, scan, later, settings))
+        candidates = _with_look(candidates, looks[-1], pool, settings)
+        rivals = _with_look(rivals, looks[-1], pool, settings)
+    candidates = _judged(candidates, looks, pool, settings)
+    rivals = _judged(rivals, looks, pool, settings)
     if candidates.scores.max() <= rivals.scores.max() + CLEARLY_BETTER:
         return None
     return draw_start(candidates, settings, random)
@@ -104,13 +110,14 @@ def lattice_candidates(
     log: ScanLog, scan: int, pool: MapPool, settings: LocalizationSettings, executor: ThreadPoolExecutor
 ) -> Candidates:
     """Weigh every pose of the lattice under one scan and keep the best."""
+    look = _look(log, scan, scan, settings)
     points = lattice_points(pool, settings.start_pitch_m)
     n_yaws = max(round(360.0 / settings.start_pitch_deg), 1)
     yaws = wrap_angle(2.0 * np.pi / n_yaws * np.arange(n_yaws, dtype=np.float64))
 
     def weigh(yaw: float) -> F64:
         poses = np.column_stack([points, np.full(points.shape[0], yaw)])
-        return _scores(log, scan, poses, pool, settings)
+        return look_scores(look, poses, pool, settings)
 
     scores = np.stack(list(executor.map(weigh, yaws.tolist())))
     flat = scores.ravel()
@@ -163,18 +170,26 @@ def given_start(pose: F64, settings: LocalizationSettings, random: np.random.Gen
     return make_particles(poses)
 
 
-def _with_scan(
-    candidates: Candidates,
-    log: ScanLog,
-    scan: int,
-    later: int,
-    pool: MapPool,
-    settings: LocalizationSettings,
+def _look(log: ScanLog, scan: int, later: int, settings: LocalizationSettings) -> Look:
+    """A later scan, seen from the pose of the first."""
+    step = np.zeros(3) if later == scan else between(log.odometry[scan], log.odometry[later])
+    return Look(sweep_of(log, later, settings.laser_max_range), step)
+
+
+def _with_look(
+    candidates: Candidates, look: Look, pool: MapPool, settings: LocalizationSettings
 ) -> Candidates:
-    """Weigh candidates for the pose of one scan by a later scan as well."""
-    step = between(log.odometry[scan], log.odometry[later])
-    scores = _scores(log, later, compose(candidates.poses, step), pool, settings)
+    """Weigh candidates by one more scan."""
+    scores = look_scores(look, candidates.poses, pool, settings)
     return Candidates(candidates.poses, candidates.scores + scores)
+
+
+def _judged(
+    candidates: Candidates, looks: list[Look], pool: MapPool, settings: LocalizationSettings
+) -> Candidates:
+    """The candidates in the best places, less what the walls cost that their beams would go through."""
+    kept, scores = judge_modes(candidates.poses, candidates.scores, looks, pool, settings)
+    return Candidates(candidates.poses[kept], scores)
 
 
 def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[int]:
@@ -193,9 +208,3 @@ def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Ite
         if is_apart and is_usable(log, later, settings):
             previous, found = later, found + 1
             yield later
-
-
-def _scores(log: ScanLog, scan: int, poses: F64, pool: MapPool, settings: LocalizationSettings) -> F64:
-    """Tempered log-likelihood of a scan from each pose, in the blunt field of all states."""
-    ends = pose_ends(sweep_of(log, scan, settings.laser_max_range), START_BEAMS)
-    return temper(ends.shape[0], settings) * scan_log_likelihoods(pool.start_field, pool.frame, poses, ends)

@@ -2,12 +2,13 @@
 
 Neither the likelihood nor the share of explained beams tells the two apart: a place with eight new boxes
 looks worse than a wrong pose. But people and new objects *shorten* beams; only a wrong pose, or a wall
-that was torn down, lets beams pass *through* walls.
+that was torn down, lets beams pass *through* walls. A gap in a wall lets a bundle of beams through in one
+place, a wrong pose lets them through in many. What remains in doubt is settled by a search for a better
+pose in the whole map: a robot that is lost fits better somewhere else.
 """
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,23 +16,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.kernels.likelihood import first_crossings
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.particle_filter import Estimate
+from dynmap_cli.localization.places import OPENING_CELLS, NovelPlaces, Place, main_place
 from dynmap_cli.localization.states import LEAST_SINE, PlacedSweep
 
 OVERSHOOT_M = 0.5
+APART_M = 0.6
+"""Beams next to each other that cross walls further apart than this go through in two places."""
 SCANS = 6
-LOST_SHARE = 0.12
-SPREAD_WEIGHT = 0.02
-STAYS_S, FORGOTTEN_S = 5.0, 2.0
-CHANGED_SHARE = 0.08
-COARSE_CELLS = 4
-SEARCH_AFTER = 10
-"""Updates in a row that are lost before the whole map is searched; doubled after each search."""
-FOUND_AFTER = 30
-"""Updates in a row that are not lost after which patience is short again."""
+UNEXPLAINED_WEIGHT = 5.0
+"""One more place in walls that beams go through says as much as a fifth of the beams unexplained."""
+DOUBT, LOST = 1.2, 3.0
+"""Of the mean of places and weighted share: from where on the map is searched for a better pose, and from where on
+the robot is lost even if there is none."""
+CHANGED_SHARE = 0.05
+SEARCH_AFTER = 3
+"""Updates in a row in doubt before the whole map is searched; doubled after each search."""
+SETTLED_AFTER = 60
+"""Updates in a row without doubt after which patience is short again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,41 +50,32 @@ class ScanHealth:
         End near something in another state of a sub-map.
     unexplained : float
         The rest.
-    through_walls : float
-        Went through a static wall and end nowhere near another.
-    staying : float
-        Unexplained, and something has been seen there for 5 s.
+    places_through : int
+        In how many places unexplained beams went through static walls.
+    changed : float
+        Show what the map has not, a thing or an opening, and something has been seen there for 5 s.
+    where : Place or None
+        Where most of these are.
     """
 
     explained: float
     explained_by_other_state: float
     unexplained: float
-    through_walls: float
-    staying: float
+    places_through: int
+    changed: float
+    where: Place | None = None
 
 
-class NovelPlaces:
-    """Remembers where unexplained beams ended, and since when, on a grid four cells wide."""
+class Novelties:
+    """What was seen that the map has not: things, and openings in walls."""
 
-    def __init__(self, frame: GridFrame) -> None:
-        shape = (frame.rows // COARSE_CELLS + 1, frame.cols // COARSE_CELLS + 1)
-        self._frame = frame
-        self._first_s = np.full(shape, -np.inf)
-        self._last_s = np.full(shape, -np.inf)
-
-    def see(self, ends_m: F64, now_s: float) -> int:
-        """Note unexplained ends (n, 2); return how many lie where something has stayed."""
-        cells = self._frame.to_cells(ends_m)
-        inside = ((cells >= 0) & (cells < self._frame.shape)).all(axis=1)
-        rows, cols = (cells[inside] // COARSE_CELLS).T
-        is_new = now_s - self._last_s[rows, cols] > FORGOTTEN_S
-        self._first_s[rows[is_new], cols[is_new]] = now_s
-        self._last_s[rows, cols] = now_s
-        return int((now_s - self._first_s[rows, cols] >= STAYS_S).sum())
+    def __init__(self, pool: MapPool) -> None:
+        self.things = NovelPlaces(pool.frame)
+        self.openings = NovelPlaces(pool.frame, OPENING_CELLS)
 
 
 def scan_health(
-    placed: PlacedSweep, pool: MapPool, likeliest: Mapping[int, int], novel: NovelPlaces, now_s: float
+    placed: PlacedSweep, pool: MapPool, likeliest: Mapping[int, int], novelties: Novelties, now_s: float
 ) -> ScanHealth:
     """Sort the beams of a scan by what explains them.
 
@@ -90,22 +85,27 @@ def scan_health(
     pool : MapPool
     likeliest : mapping of int to int
         Index of the likeliest state of each sub-map, by the index of the sub-map.
-    novel : NovelPlaces
-        Takes note of the ends that nothing explains.
+    novelties : Novelties
+        Takes note of what the map does not explain.
     now_s : float
     """
     hits = placed.hits
     n_hits = max(int(hits.sum()), 1)
-    now, other = _explained(placed.ends_m[hits], pool, likeliest)
+    ends = placed.ends_m[hits]
+    now, other = _explained(ends, pool, likeliest)
     unexplained = ~(now | other)
-    through = _went_through(placed, pool)[hits] & unexplained
-    staying = novel.see(placed.ends_m[hits][unexplained & ~through], now_s)
+    crossings, through = _walls_crossed(placed, pool)
+    crossings, through = crossings[hits], through[hits]
+    things, openings = ends[unexplained & ~through], crossings[through]
+    things = things[novelties.things.see(things, now_s)]
+    openings = openings[novelties.openings.see(openings, now_s)]
     return ScanHealth(
         explained=float(now.sum()) / n_hits,
         explained_by_other_state=float(other.sum()) / n_hits,
         unexplained=float(unexplained.sum()) / n_hits,
-        through_walls=float(through.sum()) / n_hits,
-        staying=staying / n_hits,
+        places_through=_count_places(crossings[through & unexplained]),
+        changed=(len(things) + len(openings)) / n_hits,
+        where=main_place(things, openings, [pool.submaps[number] for number in likeliest]),
     )
 
 
@@ -113,40 +113,63 @@ class Verdict:
     """Judges the last six scans together: tracking, changed or lost."""
 
     def __init__(self) -> None:
-        self._through: deque[float] = deque(maxlen=SCANS)
-        self._staying: deque[float] = deque(maxlen=SCANS)
+        self._measures: deque[float] = deque(maxlen=SCANS)
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether the robot may be lost."""
+        return self._mean() > DOUBT
 
     def judge(self, health: ScanHealth, estimate: Estimate) -> str:
         """Take one more scan into account."""
-        self._through.append(health.through_walls)
-        self._staying.append(health.staying)
-        share = sum(self._through) / len(self._through)
-        spread = SPREAD_WEIGHT * math.log(max(estimate.spread_m, 0.05) / 0.05)
-        if not estimate.is_one_mode or share + spread > LOST_SHARE:
+        self._measures.append(lost_measure(health))
+        if not estimate.is_one_mode or self._mean() > LOST:
             return "lost"
-        if sum(self._staying) / len(self._staying) > CHANGED_SHARE:
-            return "changed"
-        return "tracking"
+        return "changed" if health.changed > CHANGED_SHARE else "tracking"
+
+    def _mean(self) -> float:
+        return sum(self._measures) / max(len(self._measures), 1)
+
+
+def lost_measure(health: ScanHealth) -> float:
+    """How much one scan speaks for a wrong pose."""
+    return health.places_through + UNEXPLAINED_WEIGHT * health.unexplained
 
 
 class Patience:
-    """Counts lost updates until the whole map has to be searched."""
+    """Counts updates in doubt until the whole map has to be searched."""
 
     def __init__(self) -> None:
-        self._lost, self._found, self._patience = 0, 0, SEARCH_AFTER
+        self._doubts, self._settled, self._patience = 0, 0, SEARCH_AFTER
 
-    def is_over(self, verdict: str) -> bool:
-        """Take one more verdict into account."""
-        if verdict != "lost":
-            self._lost, self._found = 0, self._found + 1
-            if self._found >= FOUND_AFTER:
+    def is_over(self, *, is_in_doubt: bool) -> bool:
+        """Take one more update into account."""
+        if not is_in_doubt:
+            self._doubts, self._settled = 0, self._settled + 1
+            if self._settled >= SETTLED_AFTER:
                 self._patience = SEARCH_AFTER
             return False
-        self._lost, self._found = self._lost + 1, 0
-        if self._lost < self._patience:
+        self._doubts, self._settled = self._doubts + 1, 0
+        if self._doubts < self._patience:
             return False
-        self._lost, self._patience = 0, 2 * self._patience
+        self._doubts, self._patience = 0, 2 * self._patience
         return True
+
+
+def count_places_through(placed: PlacedSweep, pool: MapPool) -> int:
+    """In how many places beams go through walls of the static map and end near nothing in any state."""
+    crossings, through = _walls_crossed(placed, pool)
+    through &= placed.hits
+    now, other = _explained(placed.ends_m[through], pool, dict.fromkeys(range(len(pool.submaps)), 0))
+    return _count_places(crossings[through][~(now | other)])
+
+
+def _count_places(crossings_m: F64) -> int:
+    """In how many places neighbouring beams cross walls; points (n, 2) in the order of the beams."""
+    if not len(crossings_m):
+        return 0
+    steps = np.diff(crossings_m, axis=0)
+    return 1 + int((np.hypot(steps[:, 0], steps[:, 1]) > APART_M).sum())
 
 
 def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tuple[B1, B1]:
@@ -163,8 +186,8 @@ def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tupl
     return now, other
 
 
-def _went_through(placed: PlacedSweep, pool: MapPool) -> B1:
-    """Which beams overshoot the first static surface on their way."""
+def _walls_crossed(placed: PlacedSweep, pool: MapPool) -> tuple[F64, B1]:
+    """Where each beam crosses the first static surface on its way (n, 2), and which overshoot it."""
     size = pool.frame.resolution_m
     crossings = np.empty((placed.lengths_m.size, 2))
     x = (placed.sensor_m[0] - pool.frame.origin_x_m) / size
@@ -178,4 +201,8 @@ def _went_through(placed: PlacedSweep, pool: MapPool) -> B1:
         LEAST_SINE,
         crossings,
     )
-    return np.asarray(crossings[:, 1] * size + OVERSHOOT_M < placed.lengths_m)
+    distances = crossings[:, 1] * size
+    through = distances + OVERSHOOT_M < placed.lengths_m
+    directions = np.stack([np.cos(placed.directions_rad), np.sin(placed.directions_rad)], axis=-1)
+    points = placed.sensor_m + np.where(through, distances, 0.0)[:, None] * directions
+    return points, np.asarray(through)

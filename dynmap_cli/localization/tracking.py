@@ -21,7 +21,7 @@ from dynmap_cli.localization.global_start import (
     is_usable,
     search_again,
 )
-from dynmap_cli.localization.health import NovelPlaces, Patience, Verdict, scan_health
+from dynmap_cli.localization.health import Novelties, Patience, Verdict, scan_health
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import (
     Motion,
@@ -112,7 +112,7 @@ class _Tracker:
         self._log, self._pool, self._settings = log, pool, settings
         self._random, self._executor, self._world, self._result = random, executor, world, result
         self._windows = _window_table(pool)
-        self._novel, self._verdict, self._patience = NovelPlaces(pool.frame), Verdict(), Patience()
+        self._novelties, self._verdict, self._patience = Novelties(pool), Verdict(), Patience()
         self._velocity, self._has_odometry = np.zeros(3), log.has_odometry
         self._sweep: tuple[int, Sweep] | None = None
 
@@ -183,17 +183,25 @@ class _Tracker:
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
-        if self._patience.is_over(self._result.health[-1].verdict):
-            self._verdict = Verdict()
-            self._result.searches.append(stamp)
-            found = search_again(
-                self._log, scan, particles.poses, self._pool, settings, self._random, self._executor
-            )
+        if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt or not estimate.is_one_mode):
+            found = self._search(scan, particles)
             if found is not None:
                 return found
         if particles.effective < particles.count / 2:
             particles = resample(particles, settings, self._random)
         return particles
+
+    def _search(self, scan: int, particles: Particles) -> Particles | None:
+        """Look for the robot in the whole map; what fits better elsewhere was lost."""
+        result = self._result
+        result.searches.append(int(self._log.stamps_ns[scan]))
+        found = search_again(
+            self._log, scan, particles.poses, self._pool, self._settings, self._random, self._executor
+        )
+        if found is not None:
+            result.health[-1] = replace(result.health[-1], verdict="lost")
+            self._verdict = Verdict()
+        return found
 
     def _draw_states(self, particles: Particles, seconds: float) -> Particles:
         """Let every particle keep or change the state of its sub-map."""
@@ -253,7 +261,7 @@ class _Tracker:
         likeliest = self._world.likeliest(
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )
-        health = scan_health(placed, self._pool, likeliest, self._novel, stamp * 1e-9)
+        health = scan_health(placed, self._pool, likeliest, self._novelties, stamp * 1e-9)
         total = scan_log_likelihoods(self._pool.pool, self._pool.frame, estimate.pose[None, :], ends)
         result.states.extend(in_view)
         result.health.append(

@@ -4,16 +4,18 @@ import numpy as np
 
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.localization.health import (
-    FOUND_AFTER,
     SEARCH_AFTER,
-    NovelPlaces,
+    SETTLED_AFTER,
+    Novelties,
     Patience,
     ScanHealth,
     Verdict,
+    _count_places,
     scan_health,
 )
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.particle_filter import Estimate
+from dynmap_cli.localization.places import NovelPlaces, main_place
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import place_sweep
@@ -21,13 +23,14 @@ from tests.localization.test_states import POSE, evidence, log_of, world
 
 FRAME = GridFrame(0.1, 0.0, 0.0, 50, 50)
 SETTINGS = LocalizationSettings()
+CALM = ScanHealth(0.95, 0.0, 0.05, 0, 0.0)
 
 
 def health_at(pose, shut, state):
     grid, patch_set = world()
     pool = make_map_pool(grid, [patch_set], SETTINGS)
     placed = place_sweep(sweep_of(log_of([shut]), 0, 30.0), np.asarray(pose))
-    return scan_health(placed, pool, {0: state}, NovelPlaces(pool.frame), 0.0)
+    return scan_health(placed, pool, {0: state}, Novelties(pool), 0.0)
 
 
 def estimate(share=1.0, spread_m=0.05):
@@ -48,8 +51,15 @@ def test_a_closed_door_that_is_believed_open_is_explained_by_the_other_state():
 
 
 def test_an_open_door_is_no_sign_of_being_lost_but_a_wrong_pose_is():
-    assert health_at(POSE, False, 0).through_walls == 0.0
-    assert health_at([0.8, 1.0, 0.6], False, 0).through_walls > 0.12
+    assert health_at(POSE, False, 0).places_through == 0
+    assert health_at([0.8, 1.0, 0.6], False, 0).places_through > 1
+
+
+def test_neighbouring_beams_go_through_one_place_and_others_through_more():
+    row = np.column_stack([np.linspace(0, 2, 20), np.zeros(20)])
+    assert _count_places(row) == 1
+    assert _count_places(row[[0, 1, 10, 11, 19]]) == 3
+    assert _count_places(row[:0]) == 0
 
 
 def test_beams_seen_through_a_surface_count_only_beyond_it():
@@ -63,38 +73,57 @@ def test_what_stays_in_place_is_a_change_and_what_moves_is_not():
     for k in range(14):
         staying = stays.see(np.array([[2.0, 2.0], [9.9, 9.9]]), 0.5 * k)
         moving = moves.see(np.array([[0.3 * k, 2.0]]), 0.5 * k)
-    assert staying == 1
-    assert moving == 0
+    assert staying.tolist() == [True, False]
+    assert not moving.any()
+
+
+def test_a_new_side_of_a_thing_is_as_old_as_the_thing():
+    places = NovelPlaces(FRAME)
+    for k in range(12):
+        places.see(np.array([[2.1, 2.1]]), 0.5 * k)
+    assert places.see(np.array([[2.1, 2.1], [2.3, 2.1], [3.5, 2.1]]), 6.0).tolist() == [True, True, False]
+
+
+def test_the_place_of_a_change():
+    things = np.array([[1.0, 1.0], [1.1, 1.0], [1.2, 1.1], [4.0, 4.0]])
+    opening = np.array([[3.0, 3.0], [3.1, 3.0]])
+    assert str(main_place(things, opening, ())) == "object 1.1 1.0"
+    assert str(main_place(things[3:], opening, ())) == "opening 3.0 3.0"
+    assert main_place(things[:0], things[:0], ()) is None
+    grid, patch_set = world()
+    submaps = make_map_pool(grid, [patch_set], SETTINGS).submaps
+    x0, y0, x1, y1 = submaps[0].rectangle_m
+    inside = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+    assert str(main_place(inside, opening[:0], submaps)) == f"sub-map {submaps[0].submap_id}"
 
 
 def test_verdicts():
-    calm = ScanHealth(0.95, 0.0, 0.05, 0.0, 0.0)
     for scan, expected, where in (
-        (calm, "tracking", estimate()),
-        (ScanHealth(0.5, 0.0, 0.5, 0.0, 0.0), "tracking", estimate()),
-        (ScanHealth(0.5, 0.0, 0.5, 0.0, 0.3), "changed", estimate()),
-        (ScanHealth(0.9, 0.0, 0.1, 0.3, 0.0), "lost", estimate()),
-        (calm, "lost", estimate(share=0.5)),
+        (CALM, "tracking", estimate()),
+        (ScanHealth(0.5, 0.0, 0.5, 0, 0.0), "tracking", estimate()),
+        (ScanHealth(0.5, 0.0, 0.5, 0, 0.3), "changed", estimate()),
+        (ScanHealth(0.8, 0.0, 0.2, 4, 0.0), "lost", estimate()),
+        (ScanHealth(0.8, 0.0, 0.2, 1, 0.2), "changed", estimate()),
+        (CALM, "lost", estimate(share=0.5)),
     ):
         assert Verdict().judge(scan, where) == expected
 
 
-def test_one_bad_scan_among_six_is_no_loss():
+def test_one_bad_scan_among_six_is_no_loss_and_no_doubt():
     verdict = Verdict()
-    said = [
-        verdict.judge(ScanHealth(0.9, 0.0, 0.1, share, 0.0), estimate()) for share in (0, 0, 0.5, 0, 0, 0)
-    ]
+    said = [verdict.judge(ScanHealth(0.9, 0.0, 0.1, n, 0.0), estimate()) for n in (0, 0, 3, 0, 0, 0)]
     assert said[-1] == "tracking"
+    assert not verdict.is_in_doubt
 
 
-def test_patience_grows_with_every_search_and_is_short_again_after_success():
+def test_patience_grows_with_every_search_and_is_short_again_after_a_time_without_doubt():
     patience = Patience()
     waits, waited = [], 0
     for _ in range(SEARCH_AFTER * 7):
         waited += 1
-        if patience.is_over("lost"):
+        if patience.is_over(is_in_doubt=True):
             waits.append(waited)
             waited = 0
     assert waits == [SEARCH_AFTER, 2 * SEARCH_AFTER, 4 * SEARCH_AFTER]
-    assert not any(patience.is_over("tracking") for _ in range(FOUND_AFTER))
-    assert [patience.is_over("lost") for _ in range(SEARCH_AFTER)][-1]
+    assert not any(patience.is_over(is_in_doubt=False) for _ in range(SETTLED_AFTER))
+    assert [patience.is_over(is_in_doubt=True) for _ in range(SEARCH_AFTER)][-1]
