@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
+from dynmap_cli.comparison import stage as comparison
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.export.stage import check_output, clean_to_file
@@ -48,9 +49,7 @@ def localize(
 
     The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
     """
-    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
-        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
-        raise ArtifactError(msg)
+    _check_no_run(out_dir)
     check_recordings(recordings)
     context = replace(
         context_of(run_dir or out_dir, config, threads, ()),
@@ -66,6 +65,42 @@ def localize(
             keep_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
         return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
+
+
+def compare(
+    run_dir: Path,
+    recordings: Sequence[Path],
+    out_dir: Path,
+    config: Config,
+    truth: comparison.TruthFiles,
+    *,
+    most_states: int,
+    threads: int,
+    force: bool,
+) -> dict[str, Any]:
+    """Localize recordings in the patch map of a run and in maps without it; their columns go to `<out_dir>/scans`."""
+    _check_no_run(out_dir)
+    check_recordings(recordings)
+    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir):
+        if not force:
+            keep_recordings(out_dir, recordings)
+        run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
+        return comparison.compare(
+            run_dir,
+            out_dir / INGEST.folder,
+            out_dir,
+            config,
+            truth,
+            most_states=most_states,
+            threads=threads,
+        )
+
+
+def _check_no_run(out_dir: Path) -> None:
+    """Refuse an output folder that holds a run."""
+    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
+        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
+        raise ArtifactError(msg)
 
 
 def clean(

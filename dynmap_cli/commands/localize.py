@@ -15,30 +15,21 @@ from dynmap_cli.commands.options import (
     print_summary,
     recording_options,
     shared_options,
-    three_numbers,
+    start_option,
 )
 
 
-def _own_options(function: Function) -> Function:
-    """Add --start and --smooth, which stand for settings of the section `localization`."""
+def _smooth_option(function: Function) -> Function:
+    """Add --smooth, which stands for the setting `localization.smooth`."""
 
-    @click.option(
-        "--start",
-        metavar="X,Y,YAW",
-        help="Pose at the first scan, metres and radians (default: found on its own).",
-    )
     @click.option(
         "--smooth",
         is_flag=True,
         help="Look back as well: poses and states that know the whole recording, in OUT/smoothed/.",
     )
     @functools.wraps(function)
-    def wrapper(*args: Any, start: str | None, smooth: bool, settings: dict[str, Any], **kwargs: Any) -> None:
-        own = {
-            "localization.start": None if start is None else three_numbers("--start", start),
-            "localization.smooth": smooth or None,
-        }
-        function(*args, settings={**settings, **own}, **kwargs)
+    def wrapper(*args: Any, smooth: bool, settings: dict[str, Any], **kwargs: Any) -> None:
+        function(*args, settings={**settings, "localization.smooth": smooth or None}, **kwargs)
 
     return wrapper
 
@@ -53,7 +44,8 @@ def _own_options(function: Function) -> Function:
     "--force", is_flag=True, help="Run also when up to date, and replace results of other recordings."
 )
 @recording_options
-@_own_options
+@_smooth_option
+@start_option
 @shared_options
 def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared

@@ -150,7 +150,7 @@ class _Chain:
             away[2] = wrap_angle(away[2])
             pull = tie @ away
             by_way = np.array([0.5 * float(away @ pull), *pull, *tie[np.triu_indices(3)]])
-            return self._fit(node, pose) + by_way
+            return np.asarray(self._fit(node, pose) + by_way)
 
         return np.asarray(likeliest_chain(reached[None, :], [], fit)[0])
 
