@@ -75,4 +75,8 @@ def command(
     lines += [f"health      {out_dir / 'health.csv'}"]
     if shared.config.localization.smooth:
         lines += [f"smoothed    {out_dir / 'smoothed'}/"]
-    print_summary({"output": str(out_dir), "stages": summary}, lines, as_json=shared.as_json)
+    picture = out_dir / "localization.png"
+    lines += [f"picture     {picture}"]
+    print_summary(
+        {"output": str(out_dir), "picture": str(picture), "stages": summary}, lines, as_json=shared.as_json
+    )
