@@ -5,8 +5,9 @@ the floor plan (STAGES) and `finished` what is read from a finished run, then `i
 scans), `mapping` (scans -> filtered map and trajectory), `segmentation` (map -> sub-maps), `clustering`
 (sub-maps -> patches) and `localization`. They share `counting` (the counting map and the EM filter),
 `kernels` (compiled arithmetic), `files` (what lies on disk between rooms) and `domain` (what is carried).
-`simulation`, `evaluation`, `report`, `export` (recordings without what moves, for `clean`), `planner` (maps
-in a chosen state, for `export`) and `history` (for `timeline` and `explain`) are side rooms.
+`simulation`, `evaluation`, `comparison` (one recording in several maps of a run), `report`, `export`
+(recordings without what moves, for `clean`), `planner` (maps in a chosen state, for `export`) and `history`
+(for `timeline` and `explain`) are side rooms.
 """
 
 __version__ = "0.1.0"

@@ -22,6 +22,7 @@ VERBS = (
     "segment",
     "cluster",
     "localize",
+    "compare",
     "export",
     "timeline",
     "explain",

@@ -10,11 +10,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
+from dynmap_cli.comparison import stage as comparison
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import manifest_path
+from dynmap_cli.files.patch_archive import read_names, read_patches
+from dynmap_cli.files.pgm import read_map
 from dynmap_cli.history import stage as history
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
@@ -32,6 +35,7 @@ from dynmap_cli.pipeline import (
 from dynmap_cli.planner import stage as planner
 from dynmap_cli.planner.choice import StateRule
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
+from dynmap_cli.stage import StageContext
 
 
 def localize(
@@ -48,9 +52,7 @@ def localize(
 
     The columns of the recording go to `<out_dir>/scans`, the results straight into *out_dir*.
     """
-    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
-        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
-        raise ArtifactError(msg)
+    _check_no_run(out_dir)
     check_recordings(recordings)
     context = replace(
         context_of(run_dir or out_dir, config, threads, ()),
@@ -65,7 +67,64 @@ def localize(
         if not force:
             keep_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
-        return [ingested, run_stage(LOCALIZE, context, force=force, target=out_dir)]
+        return [ingested, run_stage(_LOCALIZE_AND_DRAW, context, force=force, target=out_dir)]
+
+
+def _localize_and_draw(context: StageContext) -> dict[str, Any]:
+    """The work of the stage, and a picture of what it wrote."""
+    from dynmap_cli.report.localized import NAME, draw_localized
+
+    summary = LOCALIZE.run(context)
+    archive = context.run_dir / CLUSTER.folder / "patches.zip"
+    is_plain = context.map_yaml is not None
+    grid, _ = read_map(context.map_yaml or context.run_dir / MAP.folder / "map.yaml")
+    picture = draw_localized(
+        grid,
+        () if is_plain else read_patches(archive),
+        {} if is_plain else read_names(archive),
+        context.out_dir,
+    )
+    picture.save(context.out_dir / NAME)
+    return summary
+
+
+_LOCALIZE_AND_DRAW = replace(LOCALIZE, run=_localize_and_draw, writes=(*LOCALIZE.writes, "localization.png"))
+
+
+def compare(
+    run_dir: Path,
+    recordings: Sequence[Path],
+    out_dir: Path,
+    config: Config,
+    truth: comparison.TruthFiles,
+    *,
+    most_states: int,
+    threads: int,
+    force: bool,
+) -> dict[str, Any]:
+    """Localize recordings in the patch map of a run and in maps without it; their columns go to `<out_dir>/scans`."""
+    _check_no_run(out_dir)
+    check_recordings(recordings)
+    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir):
+        if not force:
+            keep_recordings(out_dir, recordings)
+        run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
+        return comparison.compare(
+            run_dir,
+            out_dir / INGEST.folder,
+            out_dir,
+            config,
+            truth,
+            most_states=most_states,
+            threads=threads,
+        )
+
+
+def _check_no_run(out_dir: Path) -> None:
+    """Refuse an output folder that holds a run."""
+    if manifest_path(out_dir / MAP.folder, MAP.name).exists():
+        msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
+        raise ArtifactError(msg)
 
 
 def clean(

@@ -15,31 +15,22 @@ from dynmap_cli.commands.options import (
     print_summary,
     recording_options,
     shared_options,
-    three_numbers,
+    start_option,
 )
 from dynmap_cli.commands.piped import LogPath
 
 
-def _own_options(function: Function) -> Function:
-    """Add --start and --smooth, which stand for settings of the section `localization`."""
+def _smooth_option(function: Function) -> Function:
+    """Add --smooth, which stands for the setting `localization.smooth`."""
 
-    @click.option(
-        "--start",
-        metavar="X,Y,YAW",
-        help="Pose at the first scan, metres and radians (default: found on its own).",
-    )
     @click.option(
         "--smooth",
         is_flag=True,
         help="Look back as well: poses and states that know the whole recording, in OUT/smoothed/.",
     )
     @functools.wraps(function)
-    def wrapper(*args: Any, start: str | None, smooth: bool, settings: dict[str, Any], **kwargs: Any) -> None:
-        own = {
-            "localization.start": None if start is None else three_numbers("--start", start),
-            "localization.smooth": smooth or None,
-        }
-        function(*args, settings={**settings, **own}, **kwargs)
+    def wrapper(*args: Any, smooth: bool, settings: dict[str, Any], **kwargs: Any) -> None:
+        function(*args, settings={**settings, "localization.smooth": smooth or None}, **kwargs)
 
     return wrapper
 
@@ -54,7 +45,8 @@ def _own_options(function: Function) -> Function:
     "--force", is_flag=True, help="Run also when up to date, and replace results of other recordings."
 )
 @recording_options
-@_own_options
+@_smooth_option
+@start_option
 @shared_options
 def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared
@@ -84,4 +76,8 @@ def command(
     lines += [f"health      {out_dir / 'health.csv'}"]
     if shared.config.localization.smooth:
         lines += [f"smoothed    {out_dir / 'smoothed'}/"]
-    print_summary({"output": str(out_dir), "stages": summary}, lines, as_json=shared.as_json)
+    picture = out_dir / "localization.png"
+    lines += [f"picture     {picture}"]
+    print_summary(
+        {"output": str(out_dir), "picture": str(picture), "stages": summary}, lines, as_json=shared.as_json
+    )

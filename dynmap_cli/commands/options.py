@@ -140,6 +140,22 @@ def recording_options(function: Function) -> Function:
     return wrapper
 
 
+def start_option(function: Function) -> Function:
+    """Add --start, which stands for the setting `localization.start`."""
+
+    @click.option(
+        "--start",
+        metavar="X,Y,YAW",
+        help="Pose at the first scan, metres and radians (default: found on its own).",
+    )
+    @functools.wraps(function)
+    def wrapper(*args: Any, start: str | None, settings: dict[str, Any], **kwargs: Any) -> None:
+        pose = None if start is None else three_numbers("--start", start)
+        function(*args, settings={**settings, "localization.start": pose}, **kwargs)
+
+    return wrapper
+
+
 def set_up_logging(verbose: int, *, quiet: bool) -> None:
     """Send log lines to stderr; -q leaves warnings and errors, -v adds details."""
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO

@@ -171,6 +171,12 @@ def read_visits(path: Path) -> tuple[Visit, ...]:
         return tuple(_visit(row, remarks) for row in rows)
 
 
+def read_names(path: Path) -> dict[int, str]:
+    """Read what people call each sub-map, "" where nobody gave it a name, by its number."""
+    with _Reader(path) as reader:
+        return {int(entry["id"]): str(entry.get("name", "")) for entry in reader.manifest()["submaps"]}
+
+
 def read_rounds(path: Path) -> dict[int, tuple[F32, ...]]:
     """Read the means of the clusters of each round, (k, rows, cols), by sub-map; k is at most the round's number."""
     with _Reader(path) as reader:

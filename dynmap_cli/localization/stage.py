@@ -49,7 +49,7 @@ def run(context: StageContext) -> dict[str, Any]:
         _write_smoothed(context.out_dir / "smoothed", smooth(log, pool, found, settings), found, pool)
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
-    summary = summarize(found, pool)
+    summary = summarize(found, pool, _names(context))
     warnings += [*found.warnings, *_warn_of_losses(summary["lost"])]
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
@@ -112,6 +112,15 @@ def _counting_map(context: StageContext) -> CountingMap | None:
     from dynmap_cli.files.counting_map import read_counting_map
 
     return read_counting_map(context.run_dir / "map" / "reflectance.npz")
+
+
+def _names(context: StageContext) -> dict[int, str]:
+    """What people call the sub-maps of the run."""
+    if context.map_yaml is not None:
+        return {}
+    from dynmap_cli.files.patch_archive import read_names
+
+    return read_names(context.run_dir / "patches" / "patches.zip")
 
 
 STAGE = Stage(

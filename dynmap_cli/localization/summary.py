@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ SURE = 0.8
 """A state counts as seen when its probability reaches this."""
 
 
-def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
-    """What was found, as numbers and as sentences."""
+def summarize(found: Localization, pool: MapPool, names: Mapping[int, str]) -> dict[str, Any]:
+    """What was found, as numbers and as sentences; *names* are what people call the sub-maps, "" = nothing."""
     verdicts = Counter(row.verdict for row in found.health)
     n_updates = max(len(found.health), 1)
     n_scans = int(found.trajectory.stamps_ns.size)
@@ -32,7 +32,7 @@ def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
     first_ns = int(found.trajectory.stamps_ns[0]) if n_scans else 0
     lines = [f"{n_scans} scans: {', '.join(words)}"]
     lines += [
-        f"sub-map {pool.submaps[number].submap_id}: {history}"
+        f"sub-map {_called(pool.submaps[number].submap_id, names)}: {history}"
         for number in range(len(pool.submaps))
         if (history := _history([row for row in found.states if row.submap == number], pool, first_ns))
     ]
@@ -45,6 +45,12 @@ def summarize(found: Localization, pool: MapPool) -> dict[str, Any]:
         "submaps_seen": len({row.submap for row in found.states}),
         "lines": lines,
     }
+
+
+def _called(submap_id: int, names: Mapping[int, str]) -> str:
+    """Number and name of a sub-map."""
+    name = names.get(submap_id, "")
+    return f"{submap_id} ({name})" if name else str(submap_id)
 
 
 def _history(rows: Sequence[StateRow], pool: MapPool, first_ns: int) -> str:

@@ -17,7 +17,7 @@ from dynmap_cli.domain.patches import Visit
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.domain.times import readable_time
 
-_COLOURS = ("#2a6fb5", "#d9822b", "#3a9a5b", "#b03a6b", "#7a5fb0", "#8a6d3b", "#4fb3bf", "#c0b030")
+COLOURS = ("#2a6fb5", "#d9822b", "#3a9a5b", "#b03a6b", "#7a5fb0", "#8a6d3b", "#4fb3bf", "#c0b030")
 _OPEN = "#c8c8c8"
 _PAUSE_NS, _MOST_TICKS, _LEAST_WIDTH = 300 * 10**9, 12, 0.004
 
@@ -41,9 +41,9 @@ def draw_rounds(rows: Sequence[RoundRow]) -> bytes:
     figure = Figure(figsize=(8.0, 2.6), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
     numbers = np.arange(1, len(rows) + 1)
-    left.plot(numbers, [row.log_likelihood for row in rows], "o-", color=_COLOURS[0])
+    left.plot(numbers, [row.log_likelihood for row in rows], "o-", color=COLOURS[0])
     left.set_ylabel("log-likelihood")
-    right.plot(numbers, [100.0 * row.dynamic_share for row in rows], "o-", color=_COLOURS[1])
+    right.plot(numbers, [100.0 * row.dynamic_share for row in rows], "o-", color=COLOURS[1])
     right.set_ylabel("dynamic beams, %")
     right.set_ylim(0.0, max(120.0 * max(row.dynamic_share for row in rows), 0.1))
     for axes in (left, right):
@@ -133,15 +133,15 @@ class _Clock:
 
 def _colour(visit: Visit) -> str:
     """Of the state that a visit saw."""
-    return _OPEN if visit.patch is None else _COLOURS[visit.patch % len(_COLOURS)]
+    return _OPEN if visit.patch is None else COLOURS[visit.patch % len(COLOURS)]
 
 
 def _legend(visits: Sequence[Visit]) -> list[Patch]:
     """One entry per colour; from the ninth state on a colour stands for several."""
     states = sorted({visit.patch for visit in visits if visit.patch is not None})
     entries = []
-    for number, colour in enumerate(_COLOURS):
-        own = [str(state) for state in states if state % len(_COLOURS) == number]
+    for number, colour in enumerate(COLOURS):
+        own = [str(state) for state in states if state % len(COLOURS) == number]
         if own:
             entries.append(Patch(color=colour, label=f"state {', '.join(own)}"))
     if any(visit.patch is None for visit in visits):

@@ -10,7 +10,7 @@ from dynmap_cli.pipeline import STAGES
 
 PACKAGE = Path(dynmap_cli.__file__).parent
 ROOMS = {"ingest", "mapping", "segmentation", "clustering", "localization"}
-SIDE_ROOMS = {"simulation", "evaluation", "export", "report", "planner", "history"}
+SIDE_ROOMS = {"simulation", "evaluation", "export", "report", "planner", "history", "comparison"}
 
 
 @functools.cache

@@ -116,6 +116,7 @@ def test_localize_writes_below_the_run_by_default_and_is_skipped_the_second_time
     assert first == second
     out = small.run_dir / "localization" / "room"
     assert first["output"] == str(out)
+    assert (out / "localization.png").samefile(first["picture"])
     stamp = (out / "localize.manifest.json").stat().st_mtime_ns
     assert run_dynmap(*words, "--seed", 5).exit_code == 0
     assert (out / "localize.manifest.json").stat().st_mtime_ns > stamp

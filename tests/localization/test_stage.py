@@ -32,7 +32,10 @@ def folders(simulated_run, tmp_path):
     write_scan_log(tmp_path / "scans", log)
     write_map(tmp_path / "map", "map", simulated_run.true_map)
     sets = patch_sets_of(simulated_run)
-    submaps = [SubMap(s.submap_id, s.frame, 0, 0, s.varying, np.ones_like(s.varying), 1.0) for s in sets]
+    submaps = [
+        SubMap(s.submap_id, s.frame, 0, 0, s.varying, np.ones_like(s.varying), 1.0, name="lab door")
+        for s in sets
+    ]
     write_patches(tmp_path / "patches" / "patches.zip", submaps, sets, [])
     return tmp_path
 
@@ -78,7 +81,7 @@ def test_trajectory_states_and_health_are_written(folders, simulated_run):
     with np.load(folders / "out" / "particles.npz") as clouds:
         assert clouds["counts"].sum() == clouds["poses"].shape[0]
     assert summary["lines"][0].startswith("60 scans: 100 % tracking, never lost")
-    assert summary["lines"][1].startswith("sub-map 0: state 0")
+    assert summary["lines"][1].startswith("sub-map 0 (lab door): state 0")
 
 
 def test_a_map_server_map_needs_no_run(folders):

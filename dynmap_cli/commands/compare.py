@@ -1,0 +1,77 @@
+"""`dynmap compare`: one recording in the patch map, and in maps without it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dynmap_cli.commands.options import (
+    PATH,
+    Shared,
+    print_summary,
+    recording_options,
+    shared_options,
+    start_option,
+)
+
+MOST_STATES = 20
+
+
+@click.command("compare")
+@click.argument("run_dir", metavar="RUN", type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/comparison/NAME.")
+@click.option("--truth", metavar="FILE.tum", type=PATH, help="True poses of LOG; errors are measured then.")
+@click.option(
+    "--map-truth",
+    metavar="FILE.tum",
+    type=PATH,
+    help="True poses of the recording that RUN was made of, where those of LOG are not in the frame of the map.",
+)
+@click.option(
+    "--states",
+    "most_states",
+    type=click.IntRange(0, MOST_STATES),
+    default=3,
+    show_default=True,
+    help="Maps of one state at most; each costs one more localization.",
+)
+@click.option("--force", is_flag=True, help="Replace results of other recordings.")
+@recording_options
+@start_option
+@shared_options
+def command(
+    run_dir: Path,
+    recordings: tuple[Path, ...],
+    out_dir: Path | None,
+    truth: Path | None,
+    map_truth: Path | None,
+    most_states: int,
+    force: bool,
+    shared: Shared,
+) -> None:
+    """Localize LOG in the patch map of RUN and in maps without it, from the same start.
+
+    These are the map of all beams, the filtered map, the union of all states, and the map in single states. Draws
+    errors and states over time (Fig. 1.13 and 1.15 of the paper).
+    """
+    from dynmap_cli.comparison.stage import TruthFiles
+    from dynmap_cli.finished import compare
+
+    if map_truth is not None and truth is None:
+        msg = "--map-truth needs --truth"
+        raise click.UsageError(msg)
+    out_dir = out_dir or run_dir / "comparison" / recordings[0].name.split(".")[0]
+    summary = compare(
+        run_dir,
+        recordings,
+        out_dir,
+        shared.config,
+        TruthFiles(truth, map_truth),
+        most_states=most_states,
+        threads=shared.threads,
+        force=force,
+    )
+    lines = [*summary["lines"], *(f"{Path(name).stem:12}{path}" for name, path in summary["files"].items())]
+    print_summary(summary, lines, as_json=shared.as_json)

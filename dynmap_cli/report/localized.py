@@ -1,0 +1,197 @@
+"""A localization in one picture: the map in the states believed last, and the path coloured by its verdicts."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
+from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.poses import Trajectory
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
+from dynmap_cli.files.trajectory import parse_stamp, read_tum
+from dynmap_cli.report.pictures import INK, PAPER, MapPicture, font_of
+
+NAME = "localization.png"
+COLOURS = {"tracking": (40, 110, 200), "changed": (240, 128, 16), "lost": (200, 20, 50)}
+_START, _SUBMAP, _NEVER_SEEN = (30, 140, 70), (122, 95, 176), (150, 150, 150)
+_JUMP_M = 1.0
+"""No line is drawn between consecutive scans further apart: the robot was found elsewhere."""
+_RADIUS, _LEGEND_PIXELS, _GAP = 7, 24, 18
+
+
+@dataclass(frozen=True, slots=True)
+class SeenSubMap:
+    """A sub-map and what was believed of it last.
+
+    Attributes
+    ----------
+    patch_set : PatchSet
+    called : str
+        Its number, and its name where it has one.
+    patch : int or None
+        The likeliest state at the last look; None where it never came into view.
+    probability : float
+    """
+
+    patch_set: PatchSet
+    called: str
+    patch: int | None
+    probability: float
+
+    @property
+    def label(self) -> str:
+        """What stands beside it."""
+        if self.patch is None:
+            return f"{self.called}: not seen"
+        return f"{self.called}: state {self.patch} ({self.probability:.2f})"
+
+
+def draw_localized(
+    grid: OccupancyGrid, patch_sets: Sequence[PatchSet], names: Mapping[int, str], folder: Path
+) -> Image.Image:
+    """Draw what the files of a localization say.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    patch_sets : sequence of PatchSet
+    names : mapping of int to str
+        What people call each sub-map, "" = nothing.
+    folder : Path
+        With trajectory.tum, states.csv and health.csv.
+    """
+    trajectory = read_tum(folder / "trajectory.tum")
+    believed = _believed_last(folder / "states.csv")
+    submaps = []
+    for one in patch_sets:
+        name = names.get(one.submap_id, "")
+        called = f"{one.submap_id} ({name})" if name else str(one.submap_id)
+        submaps.append(SeenSubMap(one, called, *believed.get(one.submap_id, (None, 0.0))))
+    verdicts = _verdicts(folder / "health.csv", trajectory)
+    return _LocalizationPicture(_as_believed(grid, submaps)).draw_path(trajectory, verdicts, submaps)
+
+
+def _as_believed(grid: OccupancyGrid, submaps: Sequence[SeenSubMap]) -> OccupancyGrid:
+    """The map with each sub-map that was seen in the state believed last."""
+    cells = grid.cells.copy()
+    frame = grid.frame
+    for submap in submaps:
+        inner = submap.patch_set.frame
+        row = round((inner.origin_y_m - frame.origin_y_m) / frame.resolution_m)
+        col = round((inner.origin_x_m - frame.origin_x_m) / frame.resolution_m)
+        for patch in submap.patch_set.patches:
+            if patch.patch_id != submap.patch or min(row, col) < 0:
+                continue
+            window = cells[row : row + inner.rows, col : col + inner.cols]
+            state = patch.cells[: window.shape[0], : window.shape[1]]
+            window[state != UNKNOWN] = state[state != UNKNOWN]
+    return replace(grid, cells=cells)
+
+
+class _LocalizationPicture(MapPicture):
+    """The map with a path on it."""
+
+    def draw_path(
+        self, trajectory: Trajectory, verdicts: Sequence[str], submaps: Sequence[SeenSubMap]
+    ) -> Image.Image:
+        """Put sub-maps, path, start and a legend on the map."""
+        image = Image.fromarray(self._pixels.copy())
+        pen = ImageDraw.Draw(image)
+        for submap in submaps:
+            self._draw_seen(pen, submap)
+        spots = self._to_pixels(trajectory.poses[:, :2])
+        steps_m = np.linalg.norm(np.diff(trajectory.poses[:, :2], axis=0), axis=1)
+        for verdict, colour in COLOURS.items():
+            for line in _lines(verdicts, verdict, steps_m):
+                pen.line([tuple(spot) for spot in spots[line].tolist()], fill=colour, width=3)
+        if spots.shape[0]:
+            self._mark_start(pen, spots[0])
+        return _above_legend(self._above_scale(image), [v for v in COLOURS if v in verdicts])
+
+    def _draw_seen(self, pen: ImageDraw.ImageDraw, submap: SeenSubMap) -> None:
+        """Draw the rectangle of a sub-map and what was believed."""
+        frame = submap.patch_set.frame
+        low = np.array([frame.origin_x_m, frame.origin_y_m])
+        size_m = np.array([frame.cols, frame.rows]) * frame.resolution_m
+        (left, bottom), (right, top) = self._to_pixels(np.array([low, low + size_m])).tolist()
+        colour = _NEVER_SEEN if submap.patch is None else _SUBMAP
+        pen.rectangle((left, top, right, bottom), outline=colour, width=2)
+        font = font_of(16)
+        x = min(right + 4, self._pixels.shape[1] - font.getlength(submap.label) - 2)
+        place = (max(x, 2), max(top - 2, 0))
+        pen.rectangle(pen.textbbox(place, submap.label, font=font), fill=PAPER)
+        pen.text(place, submap.label, fill=colour, font=font)
+
+    @staticmethod
+    def _mark_start(pen: ImageDraw.ImageDraw, spot: F64) -> None:
+        """Draw a disc with its name where the robot was at the first scan."""
+        x, y = spot.tolist()
+        pen.ellipse((x - _RADIUS, y - _RADIUS, x + _RADIUS, y + _RADIUS), fill=_START, outline=PAPER, width=2)
+        pen.text((x + _RADIUS + 3, y + 2), "start", fill=_START, font=font_of(16))
+
+
+def _lines(verdicts: Sequence[str], verdict: str, steps_m: F64) -> list[slice]:
+    """Stretches of the path under one verdict, each with the scan after it; cut where the path jumps."""
+    lines, first = [], None
+    for k, step_m in enumerate(steps_m.tolist()):
+        goes_on = verdicts[k] == verdict and step_m <= _JUMP_M
+        if goes_on and first is None:
+            first = k
+        if not goes_on and first is not None:
+            lines.append(slice(first, k + 1))
+            first = None
+    if first is not None:
+        lines.append(slice(first, steps_m.size + 1))
+    return lines
+
+
+def _above_legend(image: Image.Image, verdicts: Sequence[str]) -> Image.Image:
+    """Put the colours of the path below the picture."""
+    font = font_of(14)
+    words = ["path:", *verdicts]
+    width = sum(font.getlength(word) + _GAP for word in words) + _GAP
+    sheet = Image.new("RGB", (max(image.width, math.ceil(width)), image.height + _LEGEND_PIXELS), PAPER)
+    sheet.paste(image, (0, 0))
+    pen, x, y = ImageDraw.Draw(sheet), 2.0, image.height + _LEGEND_PIXELS // 2
+    for word in words:
+        pen.text((x, y), word, fill=COLOURS.get(word, INK), font=font, anchor="lm")
+        x += font.getlength(word) + _GAP
+    return sheet
+
+
+def _verdicts(path: Path, trajectory: Trajectory) -> list[str]:
+    """Of each scan: that of the update before it, or of the first."""
+    rows = _rows(path)
+    stamps = [parse_stamp(row["stamp_s"]) for row in rows]
+    return [
+        rows[max(bisect_right(stamps, stamp) - 1, 0)]["verdict"] if rows else "lost"
+        for stamp in trajectory.stamps_ns.tolist()
+    ]
+
+
+def _believed_last(path: Path) -> dict[int, tuple[int, float]]:
+    """Likeliest patch and its probability at the last look, by sub-map."""
+    last: dict[int, int] = {}
+    best: dict[int, tuple[int, float]] = {}
+    for row in _rows(path):
+        submap, stamp = int(row["submap"]), parse_stamp(row["stamp_s"])
+        if last.get(submap) != stamp:
+            last[submap], best[submap] = stamp, (-1, -1.0)
+        if float(row["probability"]) > best[submap][1]:
+            best[submap] = (int(row["patch"]), float(row["probability"]))
+    return best
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(read_text(path, MAX_TABLE_BYTES))))
