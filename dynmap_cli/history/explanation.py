@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dynmap_cli.domain.grid import FREE, OCCUPIED
-from dynmap_cli.domain.patches import PatchSet, Visit
+import numpy as np
+
+from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame
+from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, PatchSet, Visit
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.trajectory import format_stamp
 from dynmap_cli.history.evidence import SubMapEvidence
@@ -38,6 +40,7 @@ def explanation_of(
         "evidence": _evidence(evidence),
         "visits": [_visit(visit) for visit in in_time_order(visits)],
         "states": _states(submap, visits, patch_set) if patch_set else [],
+        "objects": [_object(thing, patch_set.frame) for thing in patch_set.objects] if patch_set else [],
         "bic": list(patch_set.bic) if patch_set else [],
         "stay_probability": patch_set.stay_probability if patch_set else None,
     }
@@ -73,6 +76,19 @@ def _visit(visit: Visit) -> dict[str, Any]:
         "state": visit.patch,
         "membership": round(visit.membership, 6) if known else None,
         "remark": remark_of(visit),
+    }
+
+
+def _object(thing: ChangingObject, frame: GridFrame) -> dict[str, Any]:
+    """One object, with what each visit saw of it."""
+    return {
+        "object": thing.object_id,
+        "center_m": [
+            round(float(value), 3) for value in frame.to_points(np.argwhere(thing.cells)).mean(axis=0)
+        ],
+        "cells": int(thing.cells.sum()),
+        **{state: thing.count(state) for state in (ON, OFF, UNKNOWN_STATE)},
+        "visits": {str(visit): state for visit, state in sorted(thing.states.items())},
     }
 
 
