@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I64
+from dynmap_cli.clustering.hours import with_shares_by_hour
 from dynmap_cli.clustering.local_maps import (
     LocalMaps,
     Vectors,
@@ -139,6 +140,7 @@ def _learn_from(
         Patch(k, int((labels.patch == k).sum()), _mean_map(maps, labels, k, submap.owned))
         for k in range(int(labels.patch.max()) + 1)
     )
+    patches = with_shares_by_hour(patches, visits)
     stay = stay_probability(visits, len(patches))
     varying = cells_that_vary(patches)
     rounds = tuple(_on_cells(means, vectors.cells) for means in labels.rounds)

@@ -103,6 +103,10 @@ def _state_lines(found: Mapping[str, Any]) -> list[str]:
         "states",
         *table(("state", "visits", "first seen", "last seen", "occupied cells", "free cells"), rows),
     ]
+    if all(state["share_by_hour"] for state in found["states"]):
+        hours = [[f"{share:.2f}" for share in state["share_by_hour"]] for state in found["states"]]
+        header = ("hour (UTC)", *(f"state {state['state']}" for state in found["states"]))
+        lines += table(header, [(str(hour), *shares) for hour, shares in enumerate(zip(*hours, strict=True))])
     lines.append(f"the state is the same a minute later with probability {found['stay_probability']:.3f}")
     if found["bic"]:
         best = max(range(len(found["bic"])), key=found["bic"].__getitem__) + 1

@@ -29,11 +29,15 @@ class Patch:
         How many visits saw this state.
     reflectance : (rows, cols) float32
         Mean counting-map value of the visits; NaN = unknown, or a cell that another sub-map owns.
+    share_by_hour : tuple of float
+        Probability of this state in each hour of the day (UTC), 24 numbers, of which those of all patches add up to 1;
+        empty where too few visits on too few days are known.
     """
 
     patch_id: int
     support: int
     reflectance: F32
+    share_by_hour: tuple[float, ...] = ()
 
     @property
     def cells(self) -> I8:

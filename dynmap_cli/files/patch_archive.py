@@ -23,6 +23,7 @@ from dynmap_cli.arrays import F32
 from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
 from dynmap_cli.domain.patches import ChangingObject, Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.domain.times import DAY_HOURS
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import DAMAGE, reason
@@ -93,7 +94,13 @@ def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) 
         "stay_probability": patch_set.stay_probability if patch_set else None,
         "bic": [round(value, 3) for value in patch_set.bic] if patch_set else [],
         "patches": [
-            {"id": patch.patch_id, "support": patch.support, "pgm": pgm, "npy": npy}
+            {
+                "id": patch.patch_id,
+                "support": patch.support,
+                "pgm": pgm,
+                "npy": npy,
+                **({"share_by_hour": list(patch.share_by_hour)} if patch.share_by_hour else {}),
+            }
             for patch, (pgm, npy) in zip(patches, names, strict=True)
         ],
         "rounds": _round_names(patch_set) if patch_set else [],
@@ -247,6 +254,7 @@ def _patch_set(
             int(patch["id"]),
             int(patch["support"]),
             reader.values(str(patch["npy"]), (rows, cols), rows * cols),
+            _shares(patch.get("share_by_hour", ())),
         )
         for patch in entry["patches"]
     )
@@ -262,6 +270,15 @@ def _patch_set(
         states = {thing: seen for (submap_id, thing), seen in object_states.items() if submap_id == number}
         objects = parse_objects(entry["objects"], cells, frame, states)
     return PatchSet(number, frame, cells_that_vary(patches), patches, stay, bic, objects=objects)
+
+
+def _shares(values: Sequence[Any]) -> tuple[float, ...]:
+    """Probability of a patch by hour of the day; 24 numbers or none."""
+    shares = tuple(float(value) for value in values)
+    if len(shares) not in (0, DAY_HOURS) or not all(0.0 <= share <= 1.0 for share in shares):
+        msg = f"share_by_hour {shares}"
+        raise ValueError(msg)
+    return shares
 
 
 class _Reader:

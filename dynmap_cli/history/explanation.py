@@ -106,6 +106,7 @@ def _states(submap: SubMap, visits: Sequence[Visit], patch_set: PatchSet) -> lis
                 "last_s": format_stamp(seen[-1].end_ns) if seen else None,
                 "occupied_cells": int((cells == OCCUPIED).sum()),
                 "free_cells": int((cells == FREE).sum()),
+                "share_by_hour": list(patch.share_by_hour),
             }
         )
     return rows

@@ -33,7 +33,8 @@ def patch_set(number, draw):
     for k in range(3):
         values = draw.random(FRAME.shape).astype(np.float32)
         values[draw.random(FRAME.shape) < 0.2] = np.nan
-        patches.append(Patch(k, 3 - k, values))
+        hours = tuple(np.round(draw.random(24), 6).tolist()) if number else ()
+        patches.append(Patch(k, 3 - k, values, hours))
     rounds = tuple(draw.random((k, *FRAME.shape)).astype(np.float32) for k in (1, 2, 2))
     bic = (-9.125, -3.5, -4.0)
     varying = cells_that_vary(patches)
@@ -99,7 +100,7 @@ def test_patches_come_back(tmp_path_factory, seed):
         )
         np.testing.assert_array_equal(written.varying, read.varying)
         for p, q in zip(written.patches, read.patches, strict=True):
-            assert (p.patch_id, p.support) == (q.patch_id, q.support)
+            assert (p.patch_id, p.support, p.share_by_hour) == (q.patch_id, q.support, q.share_by_hour)
             np.testing.assert_array_equal(p.reflectance, q.reflectance)
         for one, other in zip(written.objects, read.objects, strict=True):
             assert (one.object_id, one.states) == (other.object_id, other.states)
@@ -343,5 +344,14 @@ def test_an_archive_without_objects_has_none(archive):
 )
 def test_damaged_objects_are_refused(archive, changes):
     rewrite(archive, changes)
+    with pytest.raises(ArtifactError, match="damaged patch archive"):
+        read_patches(archive)
+
+
+@pytest.mark.parametrize("shares", [[0.5] * 23, [0.5] * 23 + [1.5], [0.5] * 23 + ["half"], 0.5])
+def test_shares_by_hour_that_are_none_are_refused(archive, shares):
+    manifest = manifest_of(archive)
+    manifest["submaps"][2]["patches"][0]["share_by_hour"] = shares
+    rewrite(archive, {"manifest.json": json.dumps(manifest)})
     with pytest.raises(ArtifactError, match="damaged patch archive"):
         read_patches(archive)
