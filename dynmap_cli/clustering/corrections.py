@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynmap_cli.arrays import F32
+from dynmap_cli.clustering.hours import with_shares_by_hour
 from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.domain.corrections import Correction, Merge, describe, find_place
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
@@ -80,6 +81,7 @@ def merge_states(
         for visit in visits
     )
     own = [visit for visit in seen if visit.submap_id == patch_set.submap_id]
+    patches = with_shares_by_hour(patches, own)
     stay = stay_probability(own, len(patches))
     varying = cells_that_vary(patches)
     return replace(patch_set, patches=patches, varying=varying, stay_probability=stay), seen

@@ -19,7 +19,7 @@ from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells,
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame
 from dynmap_cli.domain.scans import ScanLog
 
-_MAX_SHIFT_CELLS, _ALIGN_ROUNDS, _MIN_GAIN_CELLS = 2, 2, 3.0
+MAX_SHIFT_CELLS, _ALIGN_ROUNDS, _MIN_GAIN_CELLS = 2, 2, 3.0
 _QUARTERS = 4
 _LEAST_SHARE = 0.06
 _EIGHT = np.ones((3, 3), dtype=bool)
@@ -112,10 +112,20 @@ def _sum(parts: Sequence[Evidence], surface: SurfaceCells, params: EvidenceParam
     return total
 
 
+def _grown(cells: B1) -> B1:
+    """Cells (rows, cols) and the eight around each; many times faster than the dilation of SciPy."""
+    wide = cells.copy()
+    wide[:, 1:] |= cells[:, :-1]
+    wide[:, :-1] |= cells[:, 1:]
+    grown = wide.copy()
+    grown[1:] |= wide[:-1]
+    grown[:-1] |= wide[1:]
+    return grown
+
+
 def component_labels(cells: B1) -> tuple[I64, int]:
     """Groups of cells that touch, or that lie one cell apart: (rows, cols) 0 = none, 1...; how many."""
-    grown = ndimage.binary_dilation(cells, structure=_EIGHT)
-    labels, count = ndimage.label(grown, structure=_EIGHT)
+    labels, count = ndimage.label(_grown(cells), structure=_EIGHT)
     return np.where(cells, labels, 0).astype(np.int64), int(count)
 
 
@@ -164,19 +174,19 @@ def align(maps: LocalMaps) -> LocalMaps:
 
 def _distinct(counts: F64) -> F64:
     """Counts relative to the largest within reach of a shift: where a surface is most often, however rare it is."""
-    largest = ndimage.maximum_filter(counts, size=2 * _MAX_SHIFT_CELLS + 1, mode="constant")
+    largest = ndimage.maximum_filter(counts, size=2 * MAX_SHIFT_CELLS + 1, mode="constant")
     return np.asarray(counts / np.maximum(largest, 1.0))
 
 
 def _best_shift(occupied: F64, others: F64) -> tuple[int, int]:
     """Rows and columns by which occupied cells (0 or 1) best meet those of the other maps (share of the maps)."""
     rows, cols = np.nonzero(occupied)
-    padded = np.pad(others, _MAX_SHIFT_CELLS)
-    reach = range(-_MAX_SHIFT_CELLS, _MAX_SHIFT_CELLS + 1)
+    padded = np.pad(others, MAX_SHIFT_CELLS)
+    reach = range(-MAX_SHIFT_CELLS, MAX_SHIFT_CELLS + 1)
     candidates = sorted(((row, col) for row in reach for col in reach), key=lambda s: math.hypot(*s))
     best, best_score = (0, 0), -math.inf
     for shift in candidates:
-        score = float(padded[rows + _MAX_SHIFT_CELLS + shift[0], cols + _MAX_SHIFT_CELLS + shift[1]].sum())
+        score = float(padded[rows + MAX_SHIFT_CELLS + shift[0], cols + MAX_SHIFT_CELLS + shift[1]].sum())
         if score > best_score + (_MIN_GAIN_CELLS if best_score > -math.inf else 0.0):
             best, best_score = shift, score
     return best
@@ -252,7 +262,7 @@ def varying_vectors(maps: LocalMaps, owned: B1, contested: B1, min_cells: int) -
     labels, n_labels = component_labels((occupied >= least) & (free >= least) & owned)
     cells = labels > 0
     sizes = np.bincount(labels[cells], minlength=n_labels + 1)
-    near_contested = ndimage.binary_dilation(contested, structure=_EIGHT, iterations=_MAX_SHIFT_CELLS)
+    near_contested = ndimage.binary_dilation(contested, structure=_EIGHT, iterations=MAX_SHIFT_CELLS)
     touching = np.bincount(labels[cells & near_contested], minlength=n_labels + 1)
     kept = (sizes >= min_cells) & (touching > 0)
     cells &= kept[labels]

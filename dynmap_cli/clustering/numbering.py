@@ -1,4 +1,4 @@
-"""Patches keep their numbers when states are learned again from more visits."""
+"""Patches and objects keep their numbers when states are learned again from more visits."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from scipy.optimize import linear_sum_assignment
 
 from dynmap_cli.arrays import B1, I8
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
-from dynmap_cli.domain.patches import PatchSet, Visit
+from dynmap_cli.domain.patches import ChangingObject, PatchSet, Visit
 
 _LEAST_AGREEMENT, _TIE_BREAK = 0.75, 1e-3
+_LEAST_SHARED = 0.5
 Cells = TypeVar("Cells", B1, I8)
 
 
@@ -21,6 +22,8 @@ def keep_numbers(
     patch_sets: Sequence[PatchSet], visits: Sequence[Visit], known: Sequence[PatchSet]
 ) -> tuple[tuple[PatchSet, ...], tuple[Visit, ...]]:
     """Give each patch the number of the known patch of its sub-map that shows the same, and new numbers to the others.
+
+    Objects likewise: the number of the known object with which they share most cells, at least half of those of both.
 
     Pairs are chosen for the largest sum of agreements, each the share of the varying cells that both know which are
     occupied in both or free in both; of pairs that agree as much those are chosen that know the same cells.
@@ -39,7 +42,11 @@ def keep_numbers(
         given = _numbers_of(patch_set, before.get(patch_set.submap_id))
         patches = [replace(patch, patch_id=given[patch.patch_id]) for patch in patch_set.patches]
         renumbered.append(
-            replace(patch_set, patches=tuple(sorted(patches, key=lambda patch: patch.patch_id)))
+            replace(
+                patch_set,
+                patches=tuple(sorted(patches, key=lambda patch: patch.patch_id)),
+                objects=_renumbered_objects(patch_set, before.get(patch_set.submap_id)),
+            )
         )
         numbers |= {(patch_set.submap_id, old): new for old, new in given.items()}
     return tuple(renumbered), tuple(
@@ -71,6 +78,29 @@ def _numbers_of(patch_set: PatchSet, known: PatchSet | None) -> dict[int, int]:
         if patch.patch_id not in given:
             given[patch.patch_id], new = new, new + 1
     return given
+
+
+def _renumbered_objects(patch_set: PatchSet, known: PatchSet | None) -> tuple[ChangingObject, ...]:
+    """Objects with the numbers of before, in their order."""
+    if known is None or not known.objects or known.frame.resolution_m != patch_set.frame.resolution_m:
+        return patch_set.objects
+    before = [_brought_over(thing.cells, known.frame, patch_set.frame, fill=False) for thing in known.objects]
+    shared = np.array(
+        [
+            [(thing.cells & cells).sum() / (thing.cells | cells).sum() for cells in before]
+            for thing in patch_set.objects
+        ]
+    ).reshape(len(patch_set.objects), len(before))
+    given: dict[int, int] = {}
+    for row, col in zip(*linear_sum_assignment(-shared), strict=True):
+        if shared[row, col] >= _LEAST_SHARED:
+            given[int(row)] = known.objects[int(col)].object_id
+    new = max(thing.object_id for thing in known.objects) + 1
+    for row in range(len(patch_set.objects)):
+        if row not in given:
+            given[row], new = new, new + 1
+    renumbered = [replace(thing, object_id=given[row]) for row, thing in enumerate(patch_set.objects)]
+    return tuple(sorted(renumbered, key=lambda thing: thing.object_id))
 
 
 def _agreement(cells: I8, other: I8, varying: B1) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I64
+from dynmap_cli.clustering.hours import with_shares_by_hour
 from dynmap_cli.clustering.local_maps import (
     LocalMaps,
     Vectors,
@@ -17,7 +18,9 @@ from dynmap_cli.clustering.local_maps import (
     varying_vectors,
 )
 from dynmap_cli.clustering.model_selection import assign, choose_clusters, fitting_states
+from dynmap_cli.clustering.objects import find_objects
 from dynmap_cli.clustering.sequences import SequenceParams, cut_sequences
+from dynmap_cli.clustering.shifted_states import lay_over_same_state
 from dynmap_cli.clustering.spots import join_spots
 from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.counting.em import FilterParams
@@ -27,6 +30,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 
 _FARTHER = (2.0, 4.0)
+_SHIFT_ROUNDS = 2
 TOO_LITTLE, MIXED, NO_STATE = "saw too little", "mixed", "fits no state"
 
 
@@ -128,8 +132,7 @@ def _learn_from(
         )
     )
     maps = join_spots(maps, submap.recurring)
-    vectors = varying_vectors(maps, submap.owned, submap.contested, params.min_cells)
-    labels = label_visits(vectors, maps.is_mixed, params)
+    maps, vectors, labels = recognise_states(maps, submap.owned, submap.contested, params)
     visits = tuple(
         _visit(log, submap.submap_id, number, scans, labels) for number, scans in enumerate(sequences)
     )
@@ -139,10 +142,46 @@ def _learn_from(
         Patch(k, int((labels.patch == k).sum()), _mean_map(maps, labels, k, submap.owned))
         for k in range(int(labels.patch.max()) + 1)
     )
+    patches = with_shares_by_hour(patches, visits)
     stay = stay_probability(visits, len(patches))
     varying = cells_that_vary(patches)
     rounds = tuple(_on_cells(means, vectors.cells) for means in labels.rounds)
-    return PatchSet(submap.submap_id, submap.frame, varying, patches, stay, labels.bic, rounds), visits
+    objects = find_objects(vectors, maps.is_mixed, params.min_cells)
+    return PatchSet(
+        submap.submap_id, submap.frame, varying, patches, stay, labels.bic, rounds, objects
+    ), visits
+
+
+def recognise_states(
+    maps: LocalMaps, owned: B1, contested: B1, params: StateParams
+) -> tuple[LocalMaps, Vectors, Labels]:
+    """Cluster the maps, and once more where maps of one state turned out to lie beside one another.
+
+    Parameters
+    ----------
+    maps : LocalMaps
+        Laid over one another.
+    owned, contested : (rows, cols) bool
+        Of the sub-map.
+    params : StateParams
+
+    Returns
+    -------
+    LocalMaps
+        As they lie in the end.
+    Vectors
+    Labels
+    """
+    vectors = varying_vectors(maps, owned, contested, params.min_cells)
+    labels = label_visits(vectors, maps.is_mixed, params)
+    for _ in range(_SHIFT_ROUNDS):
+        moved = lay_over_same_state(maps, labels.patch, params.min_cells)
+        if moved is None:
+            break
+        maps = moved
+        vectors = varying_vectors(maps, owned, contested, params.min_cells)
+        labels = label_visits(vectors, maps.is_mixed, params)
+    return maps, vectors, labels
 
 
 def _on_cells(means: F64, cells: B1) -> F32:

@@ -137,16 +137,15 @@ def beams_command(paths: tuple[Path, ...], threads: int) -> tuple[list[Score], P
 @click.argument("paths", metavar="[RUN TRUTH]...", nargs=-1, required=True, type=PATH)
 @output_options
 def states_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list[str]]:
-    """Compare the states of each sub-map with what the doors and boxes in it really did."""
+    """Compare states and objects of each sub-map with what the doors and boxes in it really did."""
     from dynmap_cli.evaluation.figures import plot_bars
-    from dynmap_cli.evaluation.states import read_learned_states, score_states
+    from dynmap_cli.evaluation.objects import score_run
     from dynmap_cli.evaluation.truth import read_truth
 
     pairs = in_pairs(paths, "RUN", "TRUTH")
     scores = []
     for name, (run, truth_folder) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True):
-        truth = read_truth(truth_folder)
-        scores.append(score_states(name, read_learned_states(run, truth), truth))
+        scores.append(score_run(name, run, read_truth(truth_folder)))
     names = ("objects_found_share", "adjusted_rand_index", "right_number_of_states_share")
     return scores, functools.partial(plot_bars, names=names, label="share"), []
 

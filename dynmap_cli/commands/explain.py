@@ -11,6 +11,8 @@ import click
 from dynmap_cli.commands.options import PATH, print_summary, reading_options
 from dynmap_cli.commands.tables import table
 
+_MARKS = {"on": "+", "off": "-", "unknown": "."}
+
 
 @click.command("explain")
 @click.argument("run_dir", metavar="RUN", type=PATH)
@@ -33,7 +35,8 @@ def _lines(found: Mapping[str, Any]) -> list[str]:
         f"sub-map {found['submap']}{name} at ({x:.1f}, {y:.1f}), {width:.1f} x {height:.1f} m: "
         f"{found['contested_cells']} of {found['cells']} cells {how}"
     )
-    return [head, "", *_evidence_lines(found), "", *_visit_lines(found), "", *_state_lines(found)]
+    parts = [_evidence_lines(found), _visit_lines(found), _state_lines(found), _object_lines(found)]
+    return [head, *(line for part in parts if part for line in ["", *part])]
 
 
 def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
@@ -105,6 +108,10 @@ def _state_lines(found: Mapping[str, Any]) -> list[str]:
         "states",
         *table(("state", "visits", "first seen", "last seen", "occupied cells", "free cells"), rows),
     ]
+    if all(state["share_by_hour"] for state in found["states"]):
+        hours = [[f"{share:.2f}" for share in state["share_by_hour"]] for state in found["states"]]
+        header = ("hour (UTC)", *(f"state {state['state']}" for state in found["states"]))
+        lines += table(header, [(str(hour), *shares) for hour, shares in enumerate(zip(*hours, strict=True))])
     lines.append(f"the state is the same a minute later with probability {found['stay_probability']:.3f}")
     if found["bic"]:
         best = max(range(len(found["bic"])), key=found["bic"].__getitem__) + 1
@@ -113,6 +120,25 @@ def _state_lines(found: Mapping[str, Any]) -> list[str]:
             f"BIC by the number of states: {scores}; {best} is best, what differs in too few cells is merged"
         )
     return lines
+
+
+def _object_lines(found: Mapping[str, Any]) -> list[str]:
+    """The same change, thing by thing."""
+    if not found["objects"]:
+        return []
+    rows = [
+        (
+            str(thing["object"]),
+            f"({thing['center_m'][0]:.1f}, {thing['center_m'][1]:.1f})",
+            *(str(thing[column]) for column in ("cells", "on", "off", "unknown")),
+            "".join(_MARKS[state] for state in thing["visits"].values()),
+        )
+        for thing in found["objects"]
+    ]
+    return [
+        "objects: cells that switch together (+ on, - off, . unknown)",
+        *table(("object", "at", "cells", "visits on", "off", "unknown", "in visits 0, 1, ..."), rows),
+    ]
 
 
 def _range(bounds: list[int]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ OCCUPIED_REFLECTANCE, FREE_REFLECTANCE = 0.2, 0.1
 """A cell of a state is occupied from the first on, and free below the second; between them it is neither."""
 VARYING_DIFFERENCE = 0.25
 """A cell varies if it is free in one state and its reflectance higher by more than this in another."""
+ON, OFF, UNKNOWN_STATE = "on", "off", "unknown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +29,15 @@ class Patch:
         How many visits saw this state.
     reflectance : (rows, cols) float32
         Mean counting-map value of the visits; NaN = unknown, or a cell that another sub-map owns.
+    share_by_hour : tuple of float
+        Probability of this state in each hour of the day (UTC), 24 numbers, of which those of all patches add up to 1;
+        empty where too few visits on too few days are known.
     """
 
     patch_id: int
     support: int
     reflectance: F32
+    share_by_hour: tuple[float, ...] = ()
 
     @property
     def cells(self) -> I8:
@@ -41,6 +46,28 @@ class Patch:
         cells[self.reflectance >= OCCUPIED_REFLECTANCE] = OCCUPIED
         cells[self.reflectance < FREE_REFLECTANCE] = FREE
         return cells
+
+
+@dataclass(frozen=True, slots=True)
+class ChangingObject:
+    """Cells of a sub-map that switch together: what stands in one place, or does not.
+
+    Attributes
+    ----------
+    object_id : int
+        Number within the sub-map.
+    cells : (rows, cols) bool
+    states : mapping of int to str
+        By number of the visit: ON = the cells are occupied, OFF = they are free, or UNKNOWN_STATE.
+    """
+
+    object_id: int
+    cells: B1
+    states: Mapping[int, str]
+
+    def count(self, state: str) -> int:
+        """How many visits saw this state."""
+        return sum(seen == state for seen in self.states.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +89,8 @@ class PatchSet:
     rounds : tuple of (k, rows, cols) float32
         Means of the clusters of each of these models (of which some may be gone): 1 occupied, 0 free, NaN unknown. Only
         pictures need them; they are empty in a patch map that was read from a file.
+    objects : tuple of ChangingObject
+        The same changes, thing by thing; no cell belongs to two.
     """
 
     submap_id: int
@@ -71,6 +100,7 @@ class PatchSet:
     stay_probability: float
     bic: tuple[float, ...] = ()
     rounds: tuple[F32, ...] = ()
+    objects: tuple[ChangingObject, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 
 _DATED_FROM_NS = 100_000_000 * 10**9
+_HOUR_NS, DAY_HOURS = 3600 * 10**9, 24
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -13,6 +14,16 @@ def readable_time(stamp_ns: int) -> str:
     if stamp_ns < _DATED_FROM_NS:
         return f"{stamp_ns * 1e-9:.1f} s"
     return (_EPOCH + timedelta(seconds=stamp_ns // 10**9)).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def hours_of(stamp_ns: int) -> float | None:
+    """Time of day in UTC, hours from 0 to 24; None for a clock that was never set."""
+    return None if stamp_ns < _DATED_FROM_NS else stamp_ns % (DAY_HOURS * _HOUR_NS) / _HOUR_NS
+
+
+def day_of(stamp_ns: int) -> int:
+    """Number of the day in UTC."""
+    return stamp_ns // (DAY_HOURS * _HOUR_NS)
 
 
 def parse_iso(text: str) -> int:

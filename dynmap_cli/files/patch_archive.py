@@ -1,4 +1,4 @@
-"""patches/patches.zip: manifest.json, one PGM and one .npy per patch, sequences.csv.
+"""patches/patches.zip: manifest.json, one PGM and one .npy per patch, sequences.csv, and objects (`object_tables`).
 
 The .npy holds the reflectance (float32, row 0 has the lowest y, NaN unknown); the PGM is a picture of it,
 first row on top, 0 occupied, 205 unknown, 254 free. round_K.npy holds the means of the clusters with which up to
@@ -13,7 +13,7 @@ import io
 import json
 import math
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +21,23 @@ import numpy as np
 
 from dynmap_cli.arrays import F32
 from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
-from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.patches import ChangingObject, Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.domain.times import DAY_HOURS
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import DAMAGE, reason
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json
 from dynmap_cli.files.manifest import FORMAT_VERSION
 from dynmap_cli.files.npy import Column, parse_npy
+from dynmap_cli.files.object_tables import (
+    OBJECTS_TABLE,
+    cells_bytes,
+    entries_of,
+    parse_objects,
+    parse_table,
+    table_bytes,
+)
 from dynmap_cli.files.pgm import pgm_bytes
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
 
@@ -63,9 +72,12 @@ def write_patches(
                 pgm, npy = _names(number, patch.patch_id)
                 _add(archive, pgm, pgm_bytes(patch.cells))
                 _add(archive, npy, _npy_bytes(patch.reflectance))
+            if by_id[number].objects:
+                _add(archive, _objects_name(number), cells_bytes(by_id[number].objects, by_id[number].frame))
             for name, means in zip(_round_names(by_id[number]), by_id[number].rounds, strict=True):
                 _add(archive, name, _npy_bytes(means))
         _add(archive, "sequences.csv", _csv_bytes(visits))
+        _add(archive, OBJECTS_TABLE, table_bytes(by_id[number] for number in sorted(by_id)))
 
 
 def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) -> dict[str, Any]:
@@ -82,10 +94,17 @@ def _entry(submap: SubMap, patch_set: PatchSet | None, visits: Sequence[Visit]) 
         "stay_probability": patch_set.stay_probability if patch_set else None,
         "bic": [round(value, 3) for value in patch_set.bic] if patch_set else [],
         "patches": [
-            {"id": patch.patch_id, "support": patch.support, "pgm": pgm, "npy": npy}
+            {
+                "id": patch.patch_id,
+                "support": patch.support,
+                "pgm": pgm,
+                "npy": npy,
+                **({"share_by_hour": list(patch.share_by_hour)} if patch.share_by_hour else {}),
+            }
             for patch, (pgm, npy) in zip(patches, names, strict=True)
         ],
         "rounds": _round_names(patch_set) if patch_set else [],
+        "objects": entries_of(patch_set.objects, frame) if patch_set else [],
         "unassigned": {
             str(visit.sequence): visit.remark
             for visit in visits
@@ -98,6 +117,11 @@ def _names(submap_id: int, patch_id: int) -> tuple[str, str]:
     """Names of picture and values in the archive."""
     stem = f"submap_{submap_id:03d}/patch_{patch_id}"
     return f"{stem}.pgm", f"{stem}.npy"
+
+
+def _objects_name(submap_id: int) -> str:
+    """Name of the cells of the objects of a sub-map."""
+    return f"submap_{submap_id:03d}/objects.npy"
 
 
 def _round_names(patch_set: PatchSet) -> list[str]:
@@ -153,9 +177,11 @@ def read_patches(path: Path) -> tuple[PatchSet, ...]:
     with _Reader(path) as reader:
         content = reader.manifest()
         resolution = content["resolution_m"]
-        return tuple(
-            _patch_set(reader, entry, resolution) for entry in content["submaps"] if entry["patches"]
-        )
+        entries = [entry for entry in content["submaps"] if entry["patches"]]
+        states: dict[tuple[int, int], dict[int, str]] = {}
+        if any(entry.get("objects") for entry in entries):
+            states = parse_table(reader.member(OBJECTS_TABLE, MAX_TABLE_BYTES))
+        return tuple(_patch_set(reader, entry, resolution, states) for entry in entries)
 
 
 def read_visits(path: Path) -> tuple[Visit, ...]:
@@ -210,7 +236,12 @@ def _visit(row: dict[str, str], remarks: dict[tuple[int, int], str]) -> Visit:
     )
 
 
-def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> PatchSet:
+def _patch_set(
+    reader: _Reader,
+    entry: dict[str, Any],
+    resolution_m: float,
+    object_states: Mapping[tuple[int, int], Mapping[int, str]],
+) -> PatchSet:
     """One sub-map of the manifest with its patches."""
     cols, rows = (int(size) for size in entry["size_cells"])
     stay, resolution = float(entry["stay_probability"]), float(resolution_m)
@@ -229,6 +260,7 @@ def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> P
             int(patch["id"]),
             int(patch["support"]),
             reader.values(str(patch["npy"]), (rows, cols), rows * cols),
+            _shares(patch.get("share_by_hour", ())),
         )
         for patch in entry["patches"]
     )
@@ -237,7 +269,22 @@ def _patch_set(reader: _Reader, entry: dict[str, Any], resolution_m: float) -> P
     if not all(map(math.isfinite, bic)):
         msg = f"bic {bic}"
         raise ValueError(msg)
-    return PatchSet(int(entry["id"]), frame, cells_that_vary(patches), patches, stay, bic)
+    number = int(entry["id"])
+    objects: tuple[ChangingObject, ...] = ()
+    if entry.get("objects"):
+        cells = reader.member(_objects_name(number), 2 * rows * cols + 4096)
+        states = {thing: seen for (submap_id, thing), seen in object_states.items() if submap_id == number}
+        objects = parse_objects(entry["objects"], cells, frame, states)
+    return PatchSet(number, frame, cells_that_vary(patches), patches, stay, bic, objects=objects)
+
+
+def _shares(values: Sequence[Any]) -> tuple[float, ...]:
+    """Probability of a patch by hour of the day; 24 numbers or none."""
+    shares = tuple(float(value) for value in values)
+    if len(shares) not in (0, DAY_HOURS) or not all(0.0 <= share <= 1.0 for share in shares):
+        msg = f"share_by_hour {shares}"
+        raise ValueError(msg)
+    return shares
 
 
 class _Reader:

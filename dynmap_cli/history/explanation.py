@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dynmap_cli.domain.grid import FREE, OCCUPIED
-from dynmap_cli.domain.patches import PatchSet, Visit
+import numpy as np
+
+from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame
+from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, PatchSet, Visit
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.trajectory import format_stamp
 from dynmap_cli.history.evidence import SubMapEvidence
@@ -39,6 +41,7 @@ def explanation_of(
         "evidence": _evidence(evidence),
         "visits": [_visit(visit) for visit in in_time_order(visits)],
         "states": _states(submap, visits, patch_set) if patch_set else [],
+        "objects": [_object(thing, patch_set.frame) for thing in patch_set.objects] if patch_set else [],
         "bic": list(patch_set.bic) if patch_set else [],
         "stay_probability": patch_set.stay_probability if patch_set else None,
     }
@@ -77,6 +80,19 @@ def _visit(visit: Visit) -> dict[str, Any]:
     }
 
 
+def _object(thing: ChangingObject, frame: GridFrame) -> dict[str, Any]:
+    """One object, with what each visit saw of it."""
+    return {
+        "object": thing.object_id,
+        "center_m": [
+            round(float(value), 3) for value in frame.to_points(np.argwhere(thing.cells)).mean(axis=0)
+        ],
+        "cells": int(thing.cells.sum()),
+        **{state: thing.count(state) for state in (ON, OFF, UNKNOWN_STATE)},
+        "visits": {str(visit): state for visit, state in sorted(thing.states.items())},
+    }
+
+
 def _states(submap: SubMap, visits: Sequence[Visit], patch_set: PatchSet) -> list[dict[str, Any]]:
     """The states, with what they hold of the contested cells."""
     rows = []
@@ -91,6 +107,7 @@ def _states(submap: SubMap, visits: Sequence[Visit], patch_set: PatchSet) -> lis
                 "last_s": format_stamp(seen[-1].end_ns) if seen else None,
                 "occupied_cells": int((cells == OCCUPIED).sum()),
                 "free_cells": int((cells == FREE).sum()),
+                "share_by_hour": list(patch.share_by_hour),
             }
         )
     return rows

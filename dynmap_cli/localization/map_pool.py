@@ -14,6 +14,7 @@ from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, Occupancy
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.kernels.likelihood import own_cells
+from dynmap_cli.localization.priors import prior_by_hour
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
 
@@ -52,6 +53,8 @@ class SubMapStates:
         What blocks beams in each state, see `surface_codes`.
     stay_probability : float
         Probability that the state is the same one minute later.
+    prior : (25, n_states) float64
+        Belief before the first look, by hour of the day, see `prior_by_hour`.
     """
 
     submap_id: int
@@ -65,6 +68,7 @@ class SubMapStates:
     explained: B1
     surfaces: U8
     stay_probability: float
+    prior: F64
 
     @property
     def n_states(self) -> int:
@@ -357,5 +361,6 @@ def _submap_states(
         explained=distance <= EXPLAINED_M,
         surfaces=np.stack(surfaces).astype(np.uint8),
         stay_probability=patch_set.stay_probability,
+        prior=prior_by_hour(patch_set.patches, settings.prior),
     )
     return submap, fields

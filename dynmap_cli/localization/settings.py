@@ -90,6 +90,10 @@ class LocalizationSettings(BaseModel):
         "belief",
         description="States of sub-maps: one belief each, or a patch in every particle as in the paper.",
     )
+    prior: Literal["uniform", "support", "hour"] = Field(
+        "uniform",
+        description="Belief before a state was looked at: all alike, as often as seen, or so at that hour (UTC).",
+    )
     near_m: float = Field(
         2.0, ge=0, le=20, description="Particles this close to a rectangle are in that sub-map (sampled)."
     )

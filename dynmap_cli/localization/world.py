@@ -6,6 +6,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.priors import prior_at
 from dynmap_cli.localization.transitions import predict_belief, same_probability
 
 REPAINT_ABOVE = 0.01
@@ -25,7 +26,7 @@ class World:
         """Belief (n_states,) at some time, without looking."""
         last = self._stamps_ns[number]
         if last is None:
-            return self._beliefs[number]
+            return prior_at(self._pool.submaps[number].prior, stamp_ns)
         seconds = max(stamp_ns - last, 0) * 1e-9
         return predict_belief(self._beliefs[number], same_probability(self._pool.submaps[number], seconds))
 

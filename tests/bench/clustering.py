@@ -17,9 +17,9 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import B1, I8, I64
-from dynmap_cli.clustering.local_maps import LocalMaps, align, shifted, varying_vectors
+from dynmap_cli.clustering.local_maps import LocalMaps, align, shifted
 from dynmap_cli.clustering.sequences import SequenceParams
-from dynmap_cli.clustering.states import StateParams, label_visits
+from dynmap_cli.clustering.states import StateParams, recognise_states
 from dynmap_cli.config import Config
 from dynmap_cli.counting.em import FilterParams
 from dynmap_cli.counting.evidence import EvidenceParams
@@ -194,8 +194,7 @@ def judge(case: Case, seed: int) -> Result:
     simulated = simulate(case, seed)
     started = time.thread_time()
     maps = align(simulated.maps)
-    vectors = varying_vectors(maps, np.ones((ROWS, COLS), dtype=bool), simulated.contested, _PARAMS.min_cells)
-    labels = label_visits(vectors, maps.is_mixed, _PARAMS)
+    _, _, labels = recognise_states(maps, np.ones((ROWS, COLS), dtype=bool), simulated.contested, _PARAMS)
     seconds = time.thread_time() - started
     known = labels.patch >= 0
     index = adjusted_rand_index(labels.patch[known].tolist(), simulated.truth[known].tolist())

@@ -192,10 +192,21 @@ def test_explain_shows_evidence_visits_states_and_scores(corridor, unharmed):
         assert [state["visits"] for state in found["states"]] == [3, 3]
         assert {state["occupied_cells"] > state["free_cells"] for state in found["states"]} == {True, False}
         assert int(np.argmax(found["bic"])) == 1
+        assert found["objects"]
+        for thing in found["objects"]:
+            seen = [thing["visits"][str(visit["visit"])] for visit in found["visits"]]
+            assert [seen.count(state) for state in ("on", "off", "unknown")] == [
+                thing["on"],
+                thing["off"],
+                thing["unknown"],
+            ]
+            states = [visit["state"] for visit in found["visits"]]
+            assert len({pair for pair in zip(states, seen, strict=True) if pair[1] != "unknown"}) == 2
         text = run_dynmap("explain", corridor.run_dir, submap.submap_id, "-q").stdout
         assert text.startswith(f"sub-map {submap.submap_id} at (")
         assert len(text.splitlines()) > 6 + len(evidence["windows"]) + len(found["visits"])
         assert "BIC by the number of states: 1: " in text
+        assert "objects: cells that switch together" in text
     assert unharmed(corridor.run_dir) == before
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from dynmap_cli.clustering.numbering import keep_numbers
 from dynmap_cli.domain.grid import GridFrame
-from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.patches import ChangingObject, Patch, PatchSet, Visit, cells_that_vary
 
 FRAME = GridFrame(0.05, 1.0, 2.0, 12, 16)
 
@@ -75,3 +75,19 @@ def test_a_state_that_knows_little_keeps_its_number():
         (kept,), _ = keep_numbers([found], [], [known])
         assert [int(np.isnan(one.reflectance).any()) for one in kept.patches] == [0, 0, 1]
         assert [int(np.nanargmax(one.reflectance[5])) for one in kept.patches] == [2, 9, 2]
+
+
+def thing(number, first_col):
+    cells = np.zeros(FRAME.shape, dtype=bool)
+    cells[3:9, first_col : first_col + 3] = True
+    return ChangingObject(number, cells, {0: "on"})
+
+
+def test_objects_keep_their_numbers_where_they_share_most_cells():
+    known = replace(patch_set(patch(0, 2)), objects=(thing(0, 2), thing(2, 7)))
+    found = replace(patch_set(patch(0, 2)), objects=(thing(0, 7), thing(1, 12), thing(2, 2)))
+    (kept,), _ = keep_numbers([found], [], [known])
+    assert [one.object_id for one in kept.objects] == [0, 2, 3]
+    assert [int(one.cells.any(axis=0).argmax()) for one in kept.objects] == [2, 7, 12]
+    (alone,), _ = keep_numbers([found], [], [patch_set(patch(0, 2))])
+    assert alone.objects == found.objects

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.grid import GridFrame
-from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.patches import ChangingObject, Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.patch_archive import read_patches, read_rounds, read_visits, write_patches
@@ -34,10 +34,20 @@ def patch_set(number, draw):
     for k in range(3):
         values = draw.random(FRAME.shape).astype(np.float32)
         values[draw.random(FRAME.shape) < 0.2] = np.nan
-        patches.append(Patch(k, 3 - k, values))
+        hours = tuple(np.round(draw.random(24), 6).tolist()) if number else ()
+        patches.append(Patch(k, 3 - k, values, hours))
     rounds = tuple(draw.random((k, *FRAME.shape)).astype(np.float32) for k in (1, 2, 2))
     bic = (-9.125, -3.5, -4.0)
-    return PatchSet(number, FRAME, cells_that_vary(patches), tuple(patches), 0.75, bic, rounds)
+    varying = cells_that_vary(patches)
+    return PatchSet(number, FRAME, varying, tuple(patches), 0.75, bic, rounds, objects(draw))
+
+
+def objects(draw):
+    """Two objects, seen in two visits."""
+    owner = draw.integers(-1, 2, size=FRAME.shape)
+    owner[0, :2] = (0, 1)
+    states = [{0: "on", 1: "off"}, {0: "unknown", 1: "on"}]
+    return tuple(ChangingObject(k, owner == k, seen) for k, seen in enumerate(states))
 
 
 def content(seed=0):
@@ -91,8 +101,11 @@ def test_patches_come_back(tmp_path_factory, seed):
         )
         np.testing.assert_array_equal(written.varying, read.varying)
         for p, q in zip(written.patches, read.patches, strict=True):
-            assert (p.patch_id, p.support) == (q.patch_id, q.support)
+            assert (p.patch_id, p.support, p.share_by_hour) == (q.patch_id, q.support, q.share_by_hour)
             np.testing.assert_array_equal(p.reflectance, q.reflectance)
+        for one, other in zip(written.objects, read.objects, strict=True):
+            assert (one.object_id, one.states) == (other.object_id, other.states)
+            np.testing.assert_array_equal(one.cells, other.cells)
 
 
 def test_visits_come_back_with_their_remarks(archive):
@@ -305,3 +318,47 @@ def test_bad_lists_of_submaps_are_refused(tmp_path, text, complaint):
     (tmp_path / "submaps.yaml").write_text(text)
     with pytest.raises(ArtifactError, match=complaint):
         read_submaps(tmp_path)
+
+
+def test_objects_have_rectangles_and_a_row_per_visit(archive):
+    entry = manifest_of(archive)["submaps"][2]["objects"][0]
+    assert set(entry) == {"id", "rectangle_m", "cells"}
+    left, bottom, right, top = entry["rectangle_m"]
+    assert (left, bottom) == (-1.25, 3.1)
+    assert right > left
+    assert top > bottom
+    with zipfile.ZipFile(archive) as opened:
+        rows = opened.read("objects.csv").decode().splitlines()
+    assert rows[:4] == ["submap,visit,object,state", "0,0,0,on", "0,0,1,unknown", "0,1,0,off"]
+
+
+def test_an_archive_without_objects_has_none(archive):
+    manifest = manifest_of(archive)
+    for entry in manifest["submaps"]:
+        del entry["objects"]
+    rewrite(archive, {"manifest.json": json.dumps(manifest), "objects.csv": None})
+    assert [patch_set.objects for patch_set in read_patches(archive)] == [(), ()]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"objects.csv": None},
+        {"objects.csv": b"submap,visit,object,state\n0,0,0,ajar\n"},
+        {"submap_000/objects.npy": None},
+        {"submap_000/objects.npy": b"no array"},
+    ],
+)
+def test_damaged_objects_are_refused(archive, changes):
+    rewrite(archive, changes)
+    with pytest.raises(ArtifactError, match="damaged patch archive"):
+        read_patches(archive)
+
+
+@pytest.mark.parametrize("shares", [[0.5] * 23, [0.5] * 23 + [1.5], [0.5] * 23 + ["half"], 0.5])
+def test_shares_by_hour_that_are_none_are_refused(archive, shares):
+    manifest = manifest_of(archive)
+    manifest["submaps"][2]["patches"][0]["share_by_hour"] = shares
+    rewrite(archive, {"manifest.json": json.dumps(manifest)})
+    with pytest.raises(ArtifactError, match="damaged patch archive"):
+        read_patches(archive)

@@ -1,6 +1,7 @@
 """What scans say about states, and the law that the filter is Bayes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import entropy_bits, place_sweep, state_evidence, update_belief
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.localization.transitions import same_probability
+from dynmap_cli.localization.world import World
 from tests.reference.localization import exact_state_posterior
 
 RESOLUTION_M = 0.1
@@ -257,3 +259,21 @@ def test_outside_the_map_nothing_is_near_even_where_a_wall_is_its_edge():
         assert abs(values[0] - math.log(0.5 / 30)) < 1e-5
         assert abs(values[1] - math.log(0.5 / 30)) < 1e-5
         assert values[2] > -1.2
+
+
+@pytest.mark.parametrize(
+    ("kind", "hour", "belief"), [("uniform", 9, 0.5), ("support", 9, 0.5), ("hour", 9, 0.1), ("hour", 3, 0.9)]
+)
+def test_before_the_first_look_the_prior_is_believed(kind, hour, belief):
+    grid, patch_set = world()
+    shut = tuple(0.1 if 8 <= at < 18 else 0.9 for at in range(24))
+    opened = tuple(round(1.0 - share, 6) for share in shut)
+    patches = [
+        replace(patch, share_by_hour=by) for patch, by in zip(patch_set.patches, (shut, opened), strict=True)
+    ]
+    settings = LocalizationSettings(prior=kind)
+    believed = World(make_map_pool(grid, [replace(patch_set, patches=tuple(patches))], settings))
+    stamp_ns = (20_000 * 24 + hour) * 3600 * 10**9
+    assert believed.belief(0, stamp_ns)[0] == pytest.approx(belief, abs=2e-3)
+    believed.learn(0, stamp_ns, np.array([0.3, 0.7]))
+    assert believed.belief(0, stamp_ns)[0] == pytest.approx(0.3)
