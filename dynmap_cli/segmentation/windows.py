@@ -44,27 +44,18 @@ class WindowRecord:
         mask[cells] = True
         return np.packbits(mask)
 
-    def windows_showing(self, group_of: I64, n_groups: int, least_cells: int) -> tuple[I64, I64]:
-        """In how many windows at least so many cells of each group were seen occupied, and free.
+    def cells_shown(self, group_of: I64, n_groups: int) -> I64:
+        """How many cells of each group each window saw occupied, and free: (2, n_windows, n_groups).
 
         Parameters
         ----------
         group_of : (n,) int64
             Number of the group of each cell, -1 = none.
         n_groups : int
-        least_cells : int
-
-        Returns
-        -------
-        (n_groups,) int64
-            Occupied.
-        (n_groups,) int64
-            Free.
         """
         cells = np.flatnonzero(group_of >= 0)
-        shown = np.zeros((2, n_groups), dtype=np.int64)
+        shown = np.zeros((2, len(self._bits), n_groups), dtype=np.int64)
         for number in range(len(self._bits)):
             for kind, seen in enumerate(self.window(number)):
-                counts = np.bincount(group_of[cells[seen[cells]]], minlength=n_groups)
-                shown[kind] += counts >= least_cells
-        return shown[0], shown[1]
+                shown[kind, number] = np.bincount(group_of[cells[seen[cells]]], minlength=n_groups)
+        return shown

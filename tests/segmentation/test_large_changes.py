@@ -32,7 +32,7 @@ def test_a_window_with_poses_that_are_off_makes_no_submap():
 @pytest.mark.parametrize("seed", range(5))
 def test_windows_are_remembered_and_counted_by_group(seed):
     draw = np.random.default_rng(seed)
-    n_cells, n_windows, n_groups, least = 45, 12, 3, 4
+    n_cells, n_windows, n_groups = 45, 12, 3
     states = draw.choice([OCCUPIED, FREE, -1], size=(n_windows, n_cells)).astype(np.int8)
     group_of = draw.integers(-1, n_groups, size=n_cells)
     record = WindowRecord(n_cells)
@@ -51,10 +51,9 @@ def test_windows_are_remembered_and_counted_by_group(seed):
         occupied, free = record.window(number)
         np.testing.assert_array_equal(occupied, states[number] == OCCUPIED)
         np.testing.assert_array_equal(free, states[number] == FREE)
-    shown = record.windows_showing(group_of, n_groups, least)
+    shown = record.cells_shown(group_of, n_groups)
     for kind, counts in zip((OCCUPIED, FREE), shown, strict=True):
         plain = [
-            sum(int((window[group_of == group] == kind).sum() >= least) for window in states)
-            for group in range(n_groups)
+            [int((window[group_of == group] == kind).sum()) for group in range(n_groups)] for window in states
         ]
         assert counts.tolist() == plain
