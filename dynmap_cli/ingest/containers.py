@@ -13,6 +13,7 @@ from pathlib import Path
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
+from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, unpacked_file
 from dynmap_cli.ingest.zip_members import Member, members_of, members_without_list
@@ -67,7 +68,7 @@ class Source:
     path : Path
         Where the unpacked content is; bags have the suffix of their kind.
     damage : str
-        What is wrong with the file that it was unpacked from; "" where nothing is, or it was not packed.
+        What is wrong with the file that it was unpacked from, or with its metadata; "" where nothing is known to be.
     """
 
     name: str
@@ -97,7 +98,7 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
     if not path.is_dir():
         return [_source_of_file(path, str(path), scratch, limit_bytes)]
     if (path / "metadata.yaml").is_file():
-        return [Source(str(path), "ros2", path)]
+        return [_bag_folder(path, str(path), "")]
     files = sorted(inner for inner in path.iterdir() if inner.is_file() and _looks_like_recording(inner))
     if not files:
         msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}."
@@ -162,6 +163,16 @@ def _require_known(target: Path, name: str, kind: str, why: str) -> None:
         kind_of(target, name)
     except LogError as err:
         raise _cannot_unpack(name, kind, why) from err
+
+
+def _bag_folder(path: Path, name: str, damage: str) -> Source:
+    """A ROS 2 bag folder; one whose metadata are no plain YAML is damaged, for they may take rosbags for ever."""
+    try:
+        parse_yaml(read_text(path / "metadata.yaml"))
+    except (OSError, ValueError) as err:
+        why = f"its metadata.yaml cannot be read: {reason(err)}"
+        damage = f"{damage}; {why}" if damage else why
+    return Source(name, "ros2", path, damage)
 
 
 def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
@@ -275,7 +286,7 @@ def _source_in_zip(
         why = f"the zip file is damaged or cut off: {'; '.join(dict.fromkeys(whys))}"
         damage = f"{damage}; {why}" if damage else why
     if folders:
-        return Source(name, "ros2", folders[0], damage)
+        return _bag_folder(folders[0], name, damage)
     return _source_of_file(loose[0], name, scratch, limit_bytes, layers + 1, damage)
 
 
