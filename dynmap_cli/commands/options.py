@@ -110,12 +110,19 @@ def reading_options(function: Function) -> Function:
 
 
 def recording_options(function: Function) -> Function:
-    """Add --scan-topic, --odom, --laser-pose and --strict, which stand for settings of the section `ingest`."""
+    """Add --scan-topic, --odom, --laser-pose, --mask-sector and --strict: settings of the section `ingest`."""
 
     @click.option("--scan-topic", help="Topic of the laser scans (default: found on its own).")
     @click.option("--odom", help="Odometry: a topic, 'tf' or 'none' (default: found on its own).")
     @click.option(
         "--laser-pose", metavar="X,Y,YAW", help="Pose of the laser on the robot, metres and radians."
+    )
+    @click.option(
+        "--mask-sector",
+        "mask_sectors",
+        multiple=True,
+        metavar="FROM,TO[,LASER]",
+        help="Leave out beams from FROM counter-clockwise to TO, degrees in the robot's frame; may be repeated.",
     )
     @click.option(
         "--strict", is_flag=True, help="Refuse a damaged recording instead of using what is whole in it."
@@ -126,6 +133,7 @@ def recording_options(function: Function) -> Function:
         scan_topic: str | None,
         odom: str | None,
         laser_pose: str | None,
+        mask_sectors: tuple[str, ...],
         strict: bool,
         **kwargs: Any,
     ) -> None:
@@ -133,6 +141,7 @@ def recording_options(function: Function) -> Function:
             "ingest.scan_topic": scan_topic,
             "ingest.odom": odom,
             "ingest.laser_pose": None if laser_pose is None else three_numbers("--laser-pose", laser_pose),
+            "ingest.mask_sectors": [_sector(text) for text in mask_sectors] or None,
             "ingest.strict": strict or None,
         }
         function(*args, settings=settings, **kwargs)
@@ -219,6 +228,18 @@ def three_numbers(option: str, text: str) -> tuple[float, ...]:
         msg = f"{option} {text}: expected x,y,yaw in metres and radians, for instance 0.2,0,0"
         raise click.UsageError(msg)
     return values
+
+
+def _sector(text: str) -> list[float | str]:
+    """Read from,to or from,to,laser as --mask-sector gives it."""
+    start, _, rest = text.partition(",")
+    end, _, laser = rest.partition(",")
+    try:
+        limits = [float(start), float(end)]
+    except ValueError as err:
+        msg = f"--mask-sector {text}: expected from,to in degrees, for instance 150,210 or 150,210,/scan"
+        raise click.UsageError(msg) from err
+    return [*limits, laser] if laser else [*limits]
 
 
 def run_single_stage(name: str, run_dir: Path, shared: Shared, *, force: bool) -> None:

@@ -41,6 +41,7 @@ def screen(report: IngestReport) -> list[str]:
         *table(_LASER_HEADER, [_laser_row(laser) for laser in report.lasers]),
         *labelled("lasers", (f"{laser.name}: {_choice(laser)}" for laser in report.lasers)),
         *labelled("free space", (f"{one.name}: {one.no_return_line}" for one in report.lasers if one.used)),
+        *labelled("masked", (f"{one.name}: {one.masked}" for one in report.lasers if one.masked)),
         *labelled("time", times),
         *labelled("transforms", _transforms(report)),
         *labelled("odometry", _odometry(report)),

@@ -15,6 +15,7 @@ import yaml
 MAX_DOCUMENT_BYTES = 20_000_000
 MAX_TABLE_BYTES = 500_000_000
 _MAX_INTEGER = 2**63
+_DEEPEST = 64
 
 
 def read_text(path: Path, max_bytes: int = MAX_DOCUMENT_BYTES) -> str:
@@ -77,13 +78,21 @@ def _bounded_integer(digits: str) -> int:
 class _PlainLoader(yaml.SafeLoader):
     """The safe loader without what a file of plain values does not need."""
 
+    _depth = 0
+
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Refuse anchors and aliases."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             problem = f"anchors and aliases (here '{event.anchor}') are not read, write the value out"
             raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
-        return super().compose_node(parent, index)
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            # Long before Python's own limit: the cost of a token grows with the depth.
+            raise yaml.composer.ComposerError(None, None, "nested too deeply", event.start_mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         """Refuse a key that is there twice."""

@@ -24,6 +24,7 @@ def report_on(
     choices: Sequence[LaserChoice],
     mountings: Sequence[Mounting],
     verdicts: Sequence[NoReturn],
+    masked: Sequence[str],
     odometry: Odometry,
     log: ScanLog,
     out_of_order: int,
@@ -33,7 +34,8 @@ def report_on(
     """Say what was found and decided."""
     used = [choice for choice in choices if choice.used]
     decided = {
-        id(choice): pair for choice, pair in zip(used, zip(mountings, verdicts, strict=True), strict=True)
+        id(choice): found
+        for choice, found in zip(used, zip(mountings, verdicts, masked, strict=True), strict=True)
     }
     span_s = float(log.stamps_ns[-1] - log.stamps_ns[0]) * 1e-9
     return IngestReport(
@@ -65,13 +67,13 @@ def report_on(
     )
 
 
-def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None) -> LaserReport:
+def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn, str] | None) -> LaserReport:
     """Say what is known of one laser."""
     laser = choice.view.laser
     counts = laser.n_beams
     stated = laser.usual_shape.range_max_m
     timing = timing_of(laser)
-    mounting, verdict = decided or (choice.view.mounting, None)
+    mounting, verdict, masked = decided or (choice.view.mounting, None, "")
     pose = None
     if mounting is not None:
         x, y, yaw = (round(float(value), 6) for value in mounting.robot_from_sensor)
@@ -94,4 +96,5 @@ def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn] | None
         share_no_return=round(verdict.share_no_return, 5) if verdict else 0.0,
         share_no_measurement=round(verdict.share_nothing, 5) if verdict else 0.0,
         timing=timing,
+        masked=masked,
     )

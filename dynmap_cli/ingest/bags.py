@@ -13,7 +13,8 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
-from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag1 import reader as rosbag1_reader
+from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -29,12 +30,27 @@ from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, end_of_messages
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.stored import Channel, words_of
-from dynmap_cli.ingest.unpacking import unpacked_message
+from dynmap_cli.ingest.unpacking import unpack_whole, unpacked_message
 
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NOT_ROS2_PROFILE = "Profile is not ros2"
+
+
+def _bound_blocks() -> None:
+    """Let the library unpack no block of messages to more than is sane: 45 bytes of bzip2 can hold 45 MB."""
+    for how in ("bz2", "lz4"):
+        rosbag1_reader.decompressors[how] = functools.partial(unpack_whole, compression=how)
+    for how in ("lz4", "zstd"):
+        storage_mcap.DECOMPRESSORS[how] = functools.partial(_unpack_sized, how)
+
+
+def _unpack_sized(how: str, data: bytes, _n_bytes: int) -> bytes:
+    return unpack_whole(data, how)
+
+
+_bound_blocks()
 
 
 class UnreadableBagError(Exception):
@@ -233,7 +249,7 @@ def _from_chunks(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored] | Non
         if outer is None or outer.metadata.compression_mode == "message" or len(reader.readers) > 1:
             return None
         for storage in getattr(outer, "storages", [outer]):
-            groups = groups_of(storage.chunks) if isinstance(storage, McapReader) else None
+            groups = groups_of(storage.chunks) if isinstance(storage, storage_mcap.McapReader) else None
             if not groups:
                 return None
             parts.append((storage, groups))

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
-import shutil
 import stat
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
+from dynmap_cli.ingest.bag_folders import plain_folder
 from dynmap_cli.ingest.plausible import printable
-from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, unpacked_file
+from dynmap_cli.ingest.raw import file_name
+from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, copy_limited, unpacked_file
 from dynmap_cli.ingest.zip_members import Member, members_of, members_without_list
 
 KNOWN = (
@@ -38,7 +39,6 @@ _CARMEN = re.compile(
 )
 _WEAN = re.compile(rb"^[OL]( -?[0-9.]+){4}", re.MULTILINE)
 _HEAD_BYTES = 1 << 16
-_WATCHED_BYTES = 1 << 20
 _LONGEST_SHOWN = 200
 _LEAST_PRINTABLE = 0.9
 _MOST_LAYERS, _MOST_MEMBERS = 5, 10_000
@@ -67,7 +67,7 @@ class Source:
     path : Path
         Where the unpacked content is; bags have the suffix of their kind.
     damage : str
-        What is wrong with the file that it was unpacked from; "" where nothing is, or it was not packed.
+        What is wrong with the file that it was unpacked from, or with its metadata; "" where nothing is known to be.
     """
 
     name: str
@@ -97,7 +97,7 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
     if not path.is_dir():
         return [_source_of_file(path, str(path), scratch, limit_bytes)]
     if (path / "metadata.yaml").is_file():
-        return [Source(str(path), "ros2", path)]
+        return [_bag_folder(path, str(path), scratch, limit_bytes)]
     files = sorted(inner for inner in path.iterdir() if inner.is_file() and _looks_like_recording(inner))
     if not files:
         msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}."
@@ -145,7 +145,7 @@ def _source_of_file(
     if kind in STREAM_KINDS:
         target = _new_folder(scratch) / "unpacked"
         try:
-            _, why = _copy_limited(unpacked_file(path, kind), target, limit_bytes, name)
+            _, why = copy_limited(unpacked_file(path, kind), target, limit_bytes, name)
         except _UNPACK_ERRORS as err:
             raise _cannot_unpack(name, kind, reason(err)) from err
         if why:
@@ -162,6 +162,13 @@ def _require_known(target: Path, name: str, kind: str, why: str) -> None:
         kind_of(target, name)
     except LogError as err:
         raise _cannot_unpack(name, kind, why) from err
+
+
+def _bag_folder(path: Path, name: str, scratch: Path, limit_bytes: int, damage: str = "") -> Source:
+    """A ROS 2 bag folder."""
+    target = _new_folder(scratch) / file_name(name)
+    folder, why = plain_folder(path, target, limit_bytes, name)
+    return Source(name, "ros2", folder, "; ".join(filter(None, (damage, why))))
 
 
 def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
@@ -253,7 +260,7 @@ def _source_in_zip(
             for member in members:
                 target = folder / member.name
                 target.parent.mkdir(parents=True, exist_ok=True)
-                copied, why = _copy_limited(member.blocks(), target, left, name)
+                copied, why = copy_limited(member.blocks(), target, left, name)
                 left -= copied
                 whys += [why] if why else []
         except _UNPACK_ERRORS as err:
@@ -275,7 +282,7 @@ def _source_in_zip(
         why = f"the zip file is damaged or cut off: {'; '.join(dict.fromkeys(whys))}"
         damage = f"{damage}; {why}" if damage else why
     if folders:
-        return Source(name, "ros2", folders[0], damage)
+        return _bag_folder(folders[0], name, scratch, left, damage)
     return _source_of_file(loose[0], name, scratch, limit_bytes, layers + 1, damage)
 
 
@@ -299,32 +306,6 @@ def _refuse_unsafe(members: Sequence[Member], folder: Path, name: str) -> None:
         if not (root / member.name).resolve().is_relative_to(root):
             msg = f"{name}: holds the unsafe path {member.name!r:.200}, so it is not unpacked"
             raise LogError(msg)
-
-
-def _copy_limited(blocks: Iterator[bytes], target: Path, limit_bytes: int, name: str) -> tuple[int, str]:
-    """Copy blocks to a file; stops at the limit and before the disk is full.
-
-    Returns how many bytes there were, and what is wrong with the blocks, "" where they are whole.
-    """
-    copied = watched = 0
-    free = shutil.disk_usage(target.parent).free
-    with target.open("wb") as out:
-        try:
-            for block in blocks:
-                copied += len(block)
-                watched += len(block)
-                if watched >= _WATCHED_BYTES:
-                    free, watched = shutil.disk_usage(target.parent).free, 0
-                if copied > limit_bytes or free < _WATCHED_BYTES:
-                    msg = (
-                        f"{name}: unpacks to more than {limit_bytes / 2**30:.1f} GiB or than the disk holds. "
-                        "Unpack it yourself or raise ingest.max_unpacked_gib."
-                    )
-                    raise LogError(msg)
-                out.write(block)
-        except DamagedStreamError as err:
-            return copied, str(err)
-    return copied, ""
 
 
 def _new_folder(scratch: Path) -> Path:

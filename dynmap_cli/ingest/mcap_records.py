@@ -145,6 +145,7 @@ def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     if summary is SummaryState.BROKEN:
         losses.note(BROKEN_SUMMARY)
     places = _known_places(view, summary)
+    losses.stated_messages += _stated_messages(view, summary)
     is_checked = False
     for record in _records(view, _MAGIC_BYTES, Losses(), places):
         if record.op == Opcode.DATA_END:
@@ -200,6 +201,17 @@ def _message(record: _Record, view: memoryview, names: _Names, losses: Losses) -
         return
     data = bytes(view[start : record.end])
     yield StoredMessage(logged_ns, published_ns, sequence, names.channels[number], data)
+
+
+def _stated_messages(view: memoryview, summary: SummaryState) -> int:
+    """How many messages there are by the statistics of a summary that can be believed; 0 where it does not say."""
+    if summary is not SummaryState.WHOLE:
+        return 0
+    _, _, summary_start, *_ = _FOOTER.unpack_from(view, len(view) - _MAGIC_BYTES - _FOOTER.size)
+    for record in _records(view, summary_start, Losses()):
+        if record.op == Opcode.STATISTICS and record.end - record.start >= _U64.size:
+            return int(_U64.unpack_from(view, record.start)[0])
+    return 0
 
 
 def _known_places(view: memoryview, summary: SummaryState) -> tuple[int, ...]:

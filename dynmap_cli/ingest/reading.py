@@ -46,6 +46,7 @@ from dynmap_cli.ingest.odometry import (
     find_base,
     find_odometry,
 )
+from dynmap_cli.ingest.own_body import mask_body, mask_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
@@ -130,6 +131,10 @@ def _merge_drive(
     note_odometry(columns, poses, joined)
     follows_arrival = stamps_jump(columns, out_of_order, joined)
     bearings_rad = _bearing_table(columns, mountings)
+    masked = [
+        _mask(columns, number, choice, mounting, poses, bearings_rad, settings)
+        for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))
+    ]
     verdicts = [
         _rewrite_ranges(
             columns,
@@ -149,7 +154,9 @@ def _merge_drive(
     if follows_arrival:
         arrival = np.argsort(np.argsort(columns.reading_index, kind="stable"), kind="stable")
         log = replace(log, arrival_index=arrival.astype(np.int32))
-    report = report_on(drive, joined, choices, mountings, verdicts, odometry, log, out_of_order, base, tree)
+    report = report_on(
+        drive, joined, choices, mountings, verdicts, masked, odometry, log, out_of_order, base, tree
+    )
     return log, report
 
 
@@ -280,6 +287,25 @@ def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:
         sign = -1.0 if mountings[laser].is_upside_down else 1.0
         table[row, : shape.n_beams] = sign * shape.bearings_rad
     return table
+
+
+def _mask(
+    columns: Columns,
+    number: int,
+    choice: LaserChoice,
+    mounting: Mounting,
+    poses: F64,
+    bearings_rad: F64,
+    settings: IngestSettings,
+) -> str:
+    """Take out beams in sectors that were set, and those that see the robot itself; says which."""
+    laser = choice.view.laser
+    directions_rad = bearings_rad + mounting.robot_from_sensor[2]
+    said = (
+        mask_sectors(columns, number, laser.name, directions_rad, settings.mask_sectors),
+        mask_body(columns, number, poses, laser.usual_shape.range_min_m, bearings_rad),
+    )
+    return "; ".join(filter(None, said))
 
 
 def _rewrite_ranges(

@@ -62,6 +62,8 @@ class LaserReport:
     share_no_return, share_no_measurement : float
         Of all its beams.
     timing : Timing
+    masked : str
+        Which beams are left out as set, or because they see the robot itself; "" = none.
     """
 
     name: str
@@ -81,6 +83,7 @@ class LaserReport:
     no_return_why: str = ""
     share_no_return: float = 0.0
     share_no_measurement: float = 0.0
+    masked: str = ""
 
     @property
     def no_return_line(self) -> str:
@@ -240,4 +243,5 @@ def _laser_line(laser: LaserReport) -> str:
         x, y, yaw = laser.pose
         where = f"at x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.1f} deg"
     turned = ", upside down" if laser.upside_down else ""
-    return f"{what}, {where}{turned}; used, {laser.why}; {laser.no_return_line}"
+    masked = f"; {laser.masked}" if laser.masked else ""
+    return f"{what}, {where}{turned}; used, {laser.why}; {laser.no_return_line}{masked}"

@@ -12,7 +12,7 @@ from dynmap_cli.ingest.db3_rows import db3_messages
 from dynmap_cli.ingest.foxglove import as_ros
 from dynmap_cli.ingest.kinds import READ_TYPES
 from dynmap_cli.ingest.mcap_records import mcap_messages
-from dynmap_cli.ingest.plausible import is_stamp
+from dynmap_cli.ingest.plausible import is_stamp, printable
 from dynmap_cli.ingest.raw import RawRecording, Topic, file_name
 from dynmap_cli.ingest.ros_messages import Message, take_messages
 from dynmap_cli.ingest.stored import Losses, StoredMessage
@@ -112,7 +112,7 @@ def _decoded(
         channel = message.channel
         encoding, kind = channel.message_encoding, channel.message_type
         if encoding not in READ_TYPES:
-            kind = f"{channel.schema_name} ({encoding or 'no encoding'})"
+            kind = f"{channel.schema_name} ({printable(encoding) or 'no encoding'})"
         counts[channel.topic, kind] += 1
         span.add(message.logged_ns)
         encodings.add(encoding)

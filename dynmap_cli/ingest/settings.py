@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 Coordinate = Annotated[float, Field(ge=-20.0, le=20.0)]
 Angle = Annotated[float, Field(ge=-10.0, le=10.0)]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+MaskSector = tuple[Degrees, Degrees] | tuple[Degrees, Degrees, str]
 
 
 class IngestSettings(BaseModel):
@@ -22,6 +24,12 @@ class IngestSettings(BaseModel):
     )
     laser_pose: tuple[Coordinate, Coordinate, Angle] | None = Field(
         None, description="Pose of the laser on the robot, x m, y m, yaw rad; none = from tf or the log."
+    )
+    mask_sectors: tuple[MaskSector, ...] = Field(
+        (),
+        max_length=100,
+        description="Sectors [from deg, to deg] in the robot's frame, counter-clockwise, whose beams are left out, "
+        "as those that see the robot; a third entry names the laser. What never moves is found on its own.",
     )
     base_frame: str | None = Field(None, description="Frame of the robot in tf; none = found on its own.")
     odom_frame: str | None = Field(
@@ -50,6 +58,16 @@ class IngestSettings(BaseModel):
         le=1e6,
         description="Most GiB that one compressed recording may unpack to; guards the disk.",
     )
+
+    @field_validator("mask_sectors")
+    @classmethod
+    def _are_sectors(cls, sectors: tuple[MaskSector, ...]) -> tuple[MaskSector, ...]:
+        """None is empty or the whole circle, of which nobody knows which of the two was meant."""
+        for start, end, *_ in sectors:
+            if (end - start) % 360.0 == 0.0:
+                msg = f"the sector from {start:g} to {end:g} deg is empty or the whole circle"
+                raise ValueError(msg)
+        return sectors
 
     @field_validator("cloud_heights_m")
     @classmethod

@@ -70,6 +70,8 @@ class Losses:
         Messages that are known to be missing one by one.
     is_size_known : bool
         Whether the container says how long it was; not where it was never closed.
+    stated_messages : int
+        How many messages the container says that it holds; 0 where it does not.
     """
 
     why: list[str] = field(default_factory=list)
@@ -78,6 +80,7 @@ class Losses:
     lost_chunks: int = 0
     lost_messages: int = 0
     is_size_known: bool = True
+    stated_messages: int = 0
 
     def note(self, why: str, *, n_bytes: int = 0, chunks: int = 0, messages: int = 0) -> None:
         """Add a loss; what is wrong is said once."""
@@ -105,7 +108,9 @@ class Losses:
         )
 
     def _of_how_many(self, n_found: int) -> str:
-        """How many messages there were, going by the share of the bytes that is lost."""
+        """How many messages there were, as the container says, or going by the share of the bytes that is lost."""
+        if self.stated_messages > n_found:
+            return f" of {self.stated_messages}"
         left_bytes = self.n_bytes - self.lost_bytes
         nothing_lost = not (self.lost_bytes or self.lost_messages)
         if nothing_lost or left_bytes <= 0 or not self.is_size_known:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import lzma
+import shutil
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import IO, Any
 
 import zstandard
 
+from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
 
 STREAM_KINDS = ("gzip", "bzip2", "xz", "zstd")
@@ -26,6 +28,7 @@ DECODING_ERRORS = (
 _PIECE_BYTES, _BLOCK_BYTES = 1 << 14, 1 << 16
 _PIECE_ZSTD_BYTES = 1 << 10
 """One KiB of zstd unpacks to 32 MiB at most; the others give no more than is asked for at a time."""
+_WATCHED_BYTES = 1 << 20
 _MOST_XZ_BYTES = 1 << 28
 """Memory for the dictionary; `xz -9` asks for 65 MiB."""
 _GZIP, _RAW_DEFLATE = 16 + zlib.MAX_WBITS, -zlib.MAX_WBITS
@@ -142,3 +145,29 @@ def _decoded(decoder: Any, piece: bytes, kind: str) -> Iterator[bytes]:
         return
     while not (decoder.eof or decoder.needs_input):
         yield decoder.decompress(b"", _BLOCK_BYTES)
+
+
+def copy_limited(blocks: Iterator[bytes], target: Path, limit_bytes: int, name: str) -> tuple[int, str]:
+    """Copy blocks to a file; stops at the limit and before the disk is full.
+
+    Returns how many bytes there were, and what is wrong with the blocks, "" where they are whole.
+    """
+    copied = watched = 0
+    free = shutil.disk_usage(target.parent).free
+    with target.open("wb") as out:
+        try:
+            for block in blocks:
+                copied += len(block)
+                watched += len(block)
+                if watched >= _WATCHED_BYTES:
+                    free, watched = shutil.disk_usage(target.parent).free, 0
+                if copied > limit_bytes or free < _WATCHED_BYTES:
+                    msg = (
+                        f"{name}: unpacks to more than {limit_bytes / 2**30:.1f} GiB or than the disk holds. "
+                        "Unpack it yourself or raise ingest.max_unpacked_gib."
+                    )
+                    raise LogError(msg)
+                out.write(block)
+        except DamagedStreamError as err:
+            return copied, str(err)
+    return copied, ""

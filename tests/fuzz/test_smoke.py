@@ -24,6 +24,9 @@ def test_a_damaged_sample_is_read_or_refused_in_one_line(name):
     ("name", "file", "damages"),
     [
         ("manifest", "map.manifest.json", [Edit("write", 5, b"\x7f")]),
+        ("folder", "a/metadata.yaml", [Edit("insert", 0, b"[" * 4000)]),
+        ("salvage folder", "a/metadata.yaml", [Edit("insert", 0, b"[" * 4000)]),
+        ("foxglove protobuf", "a.mcap", [Edit("zeros", 3153, b"", 16), Edit("word", 301, b"nan")]),
         ("ros1", "a.bag", [Edit("write", 7, b"\x00")]),
     ],
 )

@@ -49,7 +49,7 @@ def test_every_container_reads_back_what_was_written(container, tmp_path):
     assert_is_world(WRITERS[container](tmp_path), World())
 
 
-@pytest.mark.parametrize("how", ["gz", "bz2", "xz", "zip"])
+@pytest.mark.parametrize("how", ["gz", "bz2", "xz", "zst", "zip"])
 def test_packed_recordings_are_told_by_content_not_by_name(how, tmp_path):
     assert_is_world(packed(write_bag1(tmp_path / "a.bag", World()), how), World())
 
@@ -145,7 +145,7 @@ def test_a_zip_may_hold_a_ros2_folder(tmp_path):
     assert_is_world(path, World())
 
 
-@pytest.mark.parametrize("how", ["gz", "bz2", "xz", "zip"])
+@pytest.mark.parametrize("how", ["gz", "bz2", "xz", "zst", "zip"])
 def test_unpacking_stops_at_the_limit(how, tmp_path):
     plain = tmp_path / "big.log"
     plain.write_bytes(b"FLASER 1 1.00 0 0 0 0 0 0 1.0 host 1.0\n" * 60_000)

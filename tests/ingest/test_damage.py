@@ -93,6 +93,7 @@ def test_a_block_that_fails_its_checksum_costs_only_itself(written, container, t
     assert 40 < log.n_scans < 60
     assert "fails its checksum" in report.warnings[0]
     assert "1 blocks of messages" in report.warnings[0]
+    assert re.search(r"recovered 1[67]\d of 181 messages, up to t = 5.9 s", report.warnings[0])
 
 
 def test_a_file_without_its_end_says_that_nothing_else_is_known_to_be_lost(written, tmp_path):
