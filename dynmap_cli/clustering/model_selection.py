@@ -9,7 +9,7 @@ takes the largest k, with |theta| = number of cells it takes 1. Here:
 - the clusters are a mixture with their mean memberships as weights;
 - |theta| = k, the number of clusters, as the paper says under Eq. 1.19.
 
-At the end, clusters are merged whose means contradict each other in too few cells of every group.
+At the end, clusters are merged whose means contradict each other in too few cells that touch.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.clustering.fuzzy_kmeans import Clusters, fuzzy_kmeans, squared_distances
-from dynmap_cli.clustering.local_maps import Vectors
+from dynmap_cli.clustering.local_maps import Vectors, component_sizes
 
 CELL_SIGMA = 0.15
 CONTRADICTION = 0.6
@@ -75,7 +75,7 @@ def choose_clusters(vectors: Vectors, max_states: int, min_cells: int) -> Model:
         Of at least one map.
     max_states : int
     min_cells : int
-        Clusters that differ in fewer cells of every group are the same state.
+        Clusters that contradict each other in fewer cells that touch are the same state.
     """
     clusters = fuzzy_kmeans(vectors.values, _mean(vectors.values))
     best, scores, rounds = clusters, [bic(vectors, clusters)], [clusters.centers]
@@ -102,11 +102,11 @@ def _mean(values: F64) -> F64:
 
 
 def merge_equal(vectors: Vectors, clusters: Clusters, min_cells: int) -> Clusters:
-    """Merge the two clusters that contradict each other least, while that is in too few cells of every group."""
+    """Merge the two clusters that contradict each other least, while that is in too few cells that touch."""
     while clusters.count > 1:
         pairs = [(a, b) for a in range(clusters.count) for b in range(a + 1, clusters.count)]
         differences = [
-            largest_contradiction(clusters.centers[a], clusters.centers[b], vectors) for a, b in pairs
+            _touching_contradiction(clusters.centers[a], clusters.centers[b], vectors) for a, b in pairs
         ]
         least = int(np.argmin(differences))
         if differences[least] >= min_cells:
@@ -116,6 +116,13 @@ def merge_equal(vectors: Vectors, clusters: Clusters, min_cells: int) -> Cluster
         memberships[:, a] += clusters.memberships[:, b]
         clusters = fuzzy_kmeans(vectors.values, _means_of(vectors.values, memberships))
     return clusters
+
+
+def _touching_contradiction(one: F64, other: F64, vectors: Vectors) -> int:
+    """Number of cells in the largest group of touching ones in which two value vectors (n_cells,) contradict."""
+    cells = np.zeros(vectors.cells.shape, dtype=bool)
+    cells[vectors.cells] = np.abs(one - other) > CONTRADICTION
+    return int(component_sizes(cells).max(initial=0))
 
 
 def _means_of(values: F64, memberships: F64) -> F64:

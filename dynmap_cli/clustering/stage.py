@@ -101,6 +101,7 @@ def run(context: StageContext) -> dict[str, Any]:
         "submaps": len(submaps),
         "submaps_with_states": len(patch_sets),
         "patches": sum(len(patch_set.patches) for patch_set in patch_sets),
+        "objects": sum(len(patch_set.objects) for patch_set in patch_sets),
         "visits": len(visits),
         "visits_assigned": sum(visit.patch is not None for visit in visits),
         "lines": [

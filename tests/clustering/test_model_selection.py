@@ -79,6 +79,15 @@ def test_clusters_that_differ_in_few_cells_of_every_object_are_one():
     assert merge_equal(vectors, clusters, CELLS + 1).count == 1
 
 
+@pytest.mark.parametrize(("apart", "count"), [(1, 2), (4, 1)])
+def test_cells_that_contradict_far_from_one_another_are_noise(apart, count):
+    """Eight cells of a long wall of which one state shows the opposite."""
+    values = np.zeros((2, 40))
+    values[1, : 8 * apart : apart] = 1.0
+    vectors = Vectors(values, np.zeros(40, dtype=np.int64), 1, np.ones((1, 40), dtype=bool))
+    assert merge_equal(vectors, fuzzy_kmeans(values, values), 6).count == count
+
+
 def test_a_visit_that_saw_little_is_assigned_only_where_it_leaves_no_doubt():
     vectors, _ = table(6, [(0, 0), (0, 1)], [4, 4], noise=0.0, unknown=0.0)
     clusters = choose_clusters(vectors, 12, 6).clusters
