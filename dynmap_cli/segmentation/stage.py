@@ -24,6 +24,7 @@ from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
 from dynmap_cli.segmentation.corrections import apply_corrections
+from dynmap_cli.segmentation.groups import changed_as_one
 from dynmap_cli.segmentation.numbering import keep_numbers
 from dynmap_cli.segmentation.recurring import with_recurring
 from dynmap_cli.segmentation.regions import RegionParams, grow_components, make_submaps, merge_regions
@@ -54,7 +55,7 @@ def find_submaps(
     evidence = evidence_params(settings)
     found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
     params = _region_params(settings, frame.resolution_m)
-    components = found.changed_as_one(grow_components(found.contested, params), params.min_cells)
+    components = changed_as_one(found, grow_components(found.contested, params), params.min_cells)
     recurring = found.recurring(components)
     components += grow_components(recurring, params)
     groups = merge_regions(components, found.standing, params)
@@ -115,7 +116,7 @@ def run(context: StageContext) -> dict[str, Any]:
         "submaps": len(submaps),
         "area_m2": round(area, 3),
         "contested_cells": int(found.contested.sum()),
-        "windows": found.n_windows,
+        "windows": found.windows.count,
         "windows_needed": found.windows_needed,
         "lines": [*describe(submaps), *lines],
     }

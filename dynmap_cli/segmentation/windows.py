@@ -2,10 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from dynmap_cli.arrays import B1, I8, I64, U8
+from dynmap_cli.arrays import B1, F64, I8, I64, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED
+from dynmap_cli.domain.scans import ScanLog
+
+_MOST_APART = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """When the windows were, and where the robot was.
+
+    Attributes
+    ----------
+    starts_ns : (n,) int64
+        Stamp of the first scan of each.
+    follows : (n,) bool
+        Whether it begins where the one before it ended.
+    places_m : (n, 2) float64
+        Median x, y of the robot; inf where no pose is known.
+    """
+
+    starts_ns: I64
+    follows: B1
+    places_m: F64
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return self.starts_ns.size
+
+
+def windows_of(log: ScanLog, poses: F64, windows: Sequence[slice], window_s: float) -> Windows:
+    """Say when windows of scans were, and where the robot was; poses (n_scans, 3) are map_from_robot."""
+    starts = np.array([log.stamps_ns[window.start] for window in windows], dtype=np.int64)
+    since_s = np.diff(starts) * 1e-9
+    follows = np.zeros(starts.size, dtype=bool)
+    follows[1:] = (since_s > 0.0) & (since_s <= _MOST_APART * window_s)
+    places = np.full((starts.size, 2), np.inf)
+    for number, window in enumerate(windows):
+        known = poses[window, :2][np.isfinite(poses[window]).all(axis=1)]
+        if known.size:
+            places[number] = np.median(known, axis=0)
+    return Windows(starts, follows, places)
 
 
 class WindowRecord:

@@ -62,7 +62,7 @@ def test_who_stays_seldom_or_only_for_a_moment_is_none(movers_of):
 
 def test_days_that_follow_one_another_within_an_hour_are_one_occasion():
     submaps, found = found_on_days(lambda day_s: stands_on([0, 1, 3, 5, 6], day_s), apart_ns=0)
-    assert set(found.occasion.tolist()) == {0}
+    assert set(occasions(found.windows.starts_ns).tolist()) == {0}
     assert not any(submap.recurring is not None for submap in submaps)
 
 
