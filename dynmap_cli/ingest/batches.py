@@ -13,7 +13,8 @@ from dynmap_cli.arrays import B1, F64, I64, U8
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.layouts import MOST_TRANSFORMS, Layout, has_layout, layout_of
 from dynmap_cli.ingest.plausible import FARTHEST_M, are_stamps
-from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform, ScanShape
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
+from dynmap_cli.ingest.raw_laser import ScanShape
 from dynmap_cli.ingest.ros_messages import (
     LEAST_QUATERNION,
     LONGEST_SWEEP_S,

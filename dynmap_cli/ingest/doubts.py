@@ -10,7 +10,8 @@ from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.columns import blocks_of
 from dynmap_cli.ingest.merging import Columns
-from dynmap_cli.ingest.raw import RawLaser, RawRecording
+from dynmap_cli.ingest.raw import RawRecording
+from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.track_quality import jumps_m
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
