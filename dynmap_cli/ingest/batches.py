@@ -133,12 +133,13 @@ class Batches:
 
     def _sorted(self, waiting: _Waiting) -> tuple[I64, list[_Group]]:
         """Messages that lie alike, and to which of these groups each (n,) belongs; -1 = none."""
-        sizes = np.array([len(data) for data in waiting.data])
+        sizes = np.fromiter(map(len, waiting.data), dtype=np.int64, count=len(waiting.data))
         owner = np.full(sizes.size, -1)
         groups: list[_Group] = []
         for size in np.unique(sizes).tolist():
             rows = np.flatnonzero(sizes == size)
-            packed = b"".join([waiting.data[row] for row in rows.tolist()])
+            is_all = rows.size == sizes.size
+            packed = b"".join(waiting.data if is_all else [waiting.data[row] for row in rows.tolist()])
             table = np.frombuffer(packed, dtype=np.uint8).reshape(rows.size, size)
             left = np.ones(rows.size, dtype=bool)
             for layout in self._layouts_for(waiting, rows, left):

@@ -308,3 +308,10 @@ def spans(n_rows: int) -> Iterator[slice]:
     """Yield rows in blocks, for what would take many times the memory of its result if done for all at once."""
     for start in range(0, n_rows, _ROWS_AT_ONCE):
         yield slice(start, min(start + _ROWS_AT_ONCE, n_rows))
+
+
+def picked(values: Values, rows: I64) -> Values:
+    """Some rows (n,) of an array; the array itself, not a copy, where they are all of them in their order."""
+    if rows.size == values.shape[0] and (np.diff(rows) == 1).all():
+        return values
+    return np.asarray(values[rows])

@@ -10,7 +10,7 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.mapped import give_back
-from dynmap_cli.ingest.columns import spans
+from dynmap_cli.ingest.columns import picked, spans
 
 _SAME_POSE = 1e-9
 _MOVED_M, _SPAN_S = 0.05, 0.5
@@ -52,7 +52,7 @@ def quality_of(log: ScanLog) -> TrackQuality | None:
     known = order[log.has_odometry[order]]
     if known.size < 2:
         return None
-    poses = np.asarray(log.odometry[known], dtype=np.float64)
+    poses = picked(log.odometry, known)
     steps_m, turned_rad = _steps_of(poses)
     seconds = np.abs(np.diff(log.stamps_ns[known])) * 1e-9
     # Stamps that are wrong make steps short, and speeds infinite.
@@ -82,9 +82,13 @@ def _steps_of(poses: F64) -> tuple[F64, float]:
 
 def jumps_m(stamps_ns: I64, poses: F64) -> F64:
     """Lengths of the steps between poses (n, 3) that are longer than anything drives in their time."""
-    steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    gaps_s = np.abs(np.diff(stamps_ns)) * 1e-9
-    return np.asarray(steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s])
+    found = []
+    for rows in spans(max(poses.shape[0] - 1, 0)):
+        both = slice(rows.start, rows.stop + 1)
+        steps_m = np.hypot(*np.diff(poses[both, :2], axis=0).T)
+        gaps_s = np.abs(np.diff(stamps_ns[both])) * 1e-9
+        found.append(steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s])
+    return np.concatenate(found) if found else np.zeros(0)
 
 
 def _moving_and_frozen(log: ScanLog, known: I64) -> tuple[int, int]:
