@@ -22,7 +22,8 @@ from dynmap_cli.files.ros_messages import (
     ScanFields,
 )
 from dynmap_cli.ingest.merging import period_s_of
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording
+from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.stored import Channel, StoredMessage
 
 _ROBOT, _WORLD = "base_link", "odom"

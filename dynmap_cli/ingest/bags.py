@@ -23,7 +23,7 @@ from dynmap_cli.ingest import protobuf
 from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
-from dynmap_cli.ingest.mcap_chunks import groups_of, messages_of
+from dynmap_cli.ingest.mcap_chunks import are_orderly, ordered_messages
 from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
 from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import RawRecording, Topic
@@ -97,6 +97,7 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
         space.reserve(name, *_expected(reader))
         _take_all(reader, recording)
         end_of_messages(recording)
+    recording.give_back()
     return recording
 
 
@@ -242,32 +243,35 @@ def _from_reader(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored]:
 
 def _from_chunks(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored] | None:
     """The same from the chunks of MCAP files; None where there are none, or messages are packed one by one."""
-    kinds = {(connection.topic, connection.msgtype) for connection in wanted}
-    parts = []
+    storages: list[Any] = []
     for inner in reader.readers:
         outer = getattr(inner, "storage", None)
-        if outer is None or outer.metadata.compression_mode == "message" or len(reader.readers) > 1:
+        if outer is None or outer.metadata.compression_mode == "message":
             return None
-        for storage in getattr(outer, "storages", [outer]):
-            groups = groups_of(storage.chunks) if isinstance(storage, storage_mcap.McapReader) else None
-            if not groups:
-                return None
-            parts.append((storage, groups))
-    return _cut_chunks(parts, kinds)
+        storages += getattr(outer, "storages", [outer])
+    are_mcap = all(
+        isinstance(storage, storage_mcap.McapReader) and are_orderly(storage.chunks) for storage in storages
+    )
+    if not are_mcap or len(reader.readers) != 1:
+        return None
+    kinds = {(connection.topic, connection.msgtype) for connection in wanted}
+    return _cut_chunks(storages, kinds)
 
 
-def _cut_chunks(parts: list[tuple[Any, list[list[Any]]]], kinds: set[tuple[str, str]]) -> Iterator[Stored]:
+def _cut_chunks(storages: list[Any], kinds: set[tuple[str, str]]) -> Iterator[Stored]:
     """Yield the messages of some topics and types from the chunks of files."""
-    for storage, groups in parts:
+    for storage in storages:
         channels = {
             connection.id: (printable(connection.topic), connection.msgtype)
             for connection in storage.connections
             if (connection.topic, connection.msgtype) in kinds
         }
-        wanted = set(channels)
-        for group in groups:
+        stream = ordered_messages(storage, set(channels))
+        while True:
             try:
-                found = messages_of(storage, group, wanted)
+                found = next(stream)
+            except StopIteration:
+                break
             except Exception as err:
                 raise UnreadableBagError(words_of(err)) from err
             for logged_ns, _, number, data in found:

@@ -13,7 +13,8 @@ from dynmap_cli.arrays import B1, F64, I64, U8
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.layouts import MOST_TRANSFORMS, Layout, has_layout, layout_of
 from dynmap_cli.ingest.plausible import FARTHEST_M, are_stamps
-from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform, ScanShape
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
+from dynmap_cli.ingest.raw_laser import ScanShape
 from dynmap_cli.ingest.ros_messages import (
     LEAST_QUATERNION,
     LONGEST_SWEEP_S,
@@ -132,12 +133,13 @@ class Batches:
 
     def _sorted(self, waiting: _Waiting) -> tuple[I64, list[_Group]]:
         """Messages that lie alike, and to which of these groups each (n,) belongs; -1 = none."""
-        sizes = np.array([len(data) for data in waiting.data])
+        sizes = np.fromiter(map(len, waiting.data), dtype=np.int64, count=len(waiting.data))
         owner = np.full(sizes.size, -1)
         groups: list[_Group] = []
         for size in np.unique(sizes).tolist():
             rows = np.flatnonzero(sizes == size)
-            packed = b"".join([waiting.data[row] for row in rows.tolist()])
+            is_all = rows.size == sizes.size
+            packed = b"".join(waiting.data if is_all else [waiting.data[row] for row in rows.tolist()])
             table = np.frombuffer(packed, dtype=np.uint8).reshape(rows.size, size)
             left = np.ones(rows.size, dtype=bool)
             for layout in self._layouts_for(waiting, rows, left):

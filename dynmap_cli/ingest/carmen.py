@@ -23,7 +23,8 @@ from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
 from dynmap_cli.ingest.plausible import are_coordinates, is_sweep, stamp_of_word, to_ranges_m
-from dynmap_cli.ingest.raw import RawOdometry, RawRecording, ScanShape, Topic
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, Topic
+from dynmap_cli.ingest.raw_laser import ScanShape
 from dynmap_cli.ingest.text_lines import text_lines
 
 _OLD_LASERS = (b"FLASER", b"RLASER")

@@ -17,57 +17,99 @@ from dynmap_cli.files.mapped import give_back, mapping_of
 
 Values = NDArray[Any]
 
-_MOST_IN_MEMORY_BYTES = 1 << 25
+_MOST_IN_MEMORY_BYTES, _MOST_OF_COLUMN_BYTES = 1 << 25, 1 << 20
 _MOST_PARTS = 4096
 _MOST_AT_ONCE_BYTES = 1 << 24
-_BLOCK_BYTES = 1 << 22
+_BLOCK_BYTES, _ROWS_AT_ONCE = 1 << 22, 1 << 15
 
 
 class Growing:
-    """Rows of numbers to which more are added one by one or many at a time.
+    """Rows of numbers to which more are added one by one or many at a time; in a nameless file when they are many.
 
     Parameters
     ----------
     dtype : type
     width : int
         Numbers in a row; 0 = each row is a single number.
+    folder : Path or None
+        On which disk the file lies; None = where temporary files are put.
     """
 
-    def __init__(self, dtype: Any, width: int = 0) -> None:
-        self._dtype = dtype
+    def __init__(self, dtype: Any, width: int = 0, folder: Path | None = None) -> None:
+        self._dtype = np.dtype(dtype)
         self._shape = (-1, width) if width else (-1,)
+        self._folder = folder
+        self._file: IO[bytes] | None = None
         self._parts: list[Values] = []
+        self._parts_bytes = 0
         self._single: list[Any] = []
+        self._whole: Values | None = None
 
     def add(self, row: Any) -> None:
         """Add one row."""
         self._single.append(row)
+        if len(self._single) >= _MOST_PARTS:
+            self._settle()
 
     def extend(self, rows: Any) -> None:
         """Add rows (n,) or (n, width)."""
         self._settle()
-        self._parts.append(np.asarray(rows, dtype=self._dtype).reshape(self._shape))
+        self._put(np.asarray(rows, dtype=self._dtype).reshape(self._shape))
 
     def _settle(self) -> None:
         """Make rows that came one by one an array."""
         if self._single:
-            self._parts.append(np.array(self._single, dtype=self._dtype).reshape(self._shape))
-            self._single = []
+            single, self._single = self._single, []
+            self._put(np.array(single, dtype=self._dtype).reshape(self._shape))
+
+    def _put(self, part: Values) -> None:
+        """Keep a part, or write it to the file with those before it."""
+        self._whole = None
+        self._parts.append(part)
+        self._parts_bytes += part.nbytes
+        if self._parts_bytes > _MOST_OF_COLUMN_BYTES:
+            if self._file is None:
+                # It lives as long as the column.
+                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
+            self._write()
+
+    def _write(self) -> None:
+        """Move all parts to the end of the file."""
+        if self._file is not None:
+            self._file.seek(0, os.SEEK_END)
+            for part in self._parts:
+                self._file.write(np.ascontiguousarray(part).data)
+            self._file.flush()
+            self._parts, self._parts_bytes = [], 0
 
     @property
     def rows(self) -> Values:
         """All rows, (n,) or (n, width)."""
         self._settle()
-        if len(self._parts) != 1:
-            empty = np.zeros((0, *self._shape[1:]), dtype=self._dtype)
-            self._parts = [np.concatenate(self._parts) if self._parts else empty]
-        return self._parts[0]
+        if self._whole is None:
+            if self._file is not None:
+                self._write()
+                mapped = np.memmap(self._file, dtype=self._dtype, mode="r+")
+                self._whole = mapped.view(np.ndarray).reshape(self._shape)
+            elif len(self._parts) == 1:
+                self._whole = self._parts[0]
+            else:
+                empty = np.zeros((0, *self._shape[1:]), dtype=self._dtype)
+                self._whole = np.concatenate(self._parts) if self._parts else empty
+                self._parts = [self._whole]
+        return self._whole
 
     @rows.setter
     def rows(self, rows: Any) -> None:
         """Replace all rows."""
-        self._parts, self._single = [], []
+        rows = np.array(rows, dtype=self._dtype)
+        self._parts, self._parts_bytes, self._single, self._file = [], 0, [], None
         self.extend(rows)
+
+    def give_back(self) -> None:
+        """Take what is in the file out of memory."""
+        if self._whole is not None:
+            give_back(self._whole)
 
 
 class RangeStore:
@@ -93,7 +135,9 @@ class RangeStore:
         place = self._size + self._recent_size
         self._recent.append(flat)
         self._recent_size += flat.size
-        if self._recent_size * flat.itemsize > _MOST_IN_MEMORY_BYTES:
+        # The first ones may be all there are; later ones need not be held.
+        most_bytes = _MOST_IN_MEMORY_BYTES if self._size == 0 else _MOST_OF_COLUMN_BYTES
+        if self._recent_size * flat.itemsize > most_bytes:
             self._spill()
         elif len(self._recent) > _MOST_PARTS:
             self._recent = [np.concatenate(self._recent)]
@@ -101,16 +145,16 @@ class RangeStore:
 
     def _spill(self) -> None:
         """Put what came last into the file."""
-        recent, self._recent = np.concatenate(self._recent), []
         last = self._parts[-1] if self._parts else None
         if not isinstance(last, _InFile):
             # The file lives as long as the store.
             stream = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
             last = _InFile(stream)
             self._append(last, 0)
-        last.add(recent)
-        self._size += recent.size
-        self._recent_size = 0
+        for part in self._recent:
+            last.add(part)
+        self._size += self._recent_size
+        self._recent, self._recent_size = [], 0
 
     def _settle(self) -> None:
         """Make what came last, and is not in a file, one part."""
@@ -198,8 +242,8 @@ class _InFile:
         self._stream = stream
 
     def add(self, values: F32) -> None:
-        self._stream.seek(0, 2)
-        self._stream.write(values.tobytes())
+        self._stream.seek(0, os.SEEK_END)
+        self._stream.write(np.ascontiguousarray(values).data)
 
     def read(self, start: int, stop: int) -> F32:
         self._stream.seek(4 * start)
@@ -258,3 +302,16 @@ def put_rows(table: F32, numbers: I64, values: F32) -> None:
         table[numbers[rows]] = values[rows]
         give_back(values)
         give_back(table)
+
+
+def spans(n_rows: int) -> Iterator[slice]:
+    """Yield rows in blocks, for what would take many times the memory of its result if done for all at once."""
+    for start in range(0, n_rows, _ROWS_AT_ONCE):
+        yield slice(start, min(start + _ROWS_AT_ONCE, n_rows))
+
+
+def picked(values: Values, rows: I64) -> Values:
+    """Some rows (n,) of an array; the array itself, not a copy, where they are all of them in their order."""
+    if rows.size == values.shape[0] and (np.diff(rows) == 1).all():
+        return values
+    return np.asarray(values[rows])

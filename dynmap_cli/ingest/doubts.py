@@ -8,9 +8,10 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.files.mapped import give_back
-from dynmap_cli.ingest.columns import blocks_of
+from dynmap_cli.ingest.columns import blocks_of, picked
 from dynmap_cli.ingest.merging import Columns
-from dynmap_cli.ingest.raw import RawLaser, RawRecording, file_name
+from dynmap_cli.ingest.raw import RawRecording, file_name
+from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.track_quality import jumps_m
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
@@ -99,7 +100,7 @@ def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:
 def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None:
     """Say where the odometry jumps farther than anything drives."""
     known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    found_m = jumps_m(columns.stamps_ns[known], poses[known])
+    found_m = jumps_m(picked(columns.stamps_ns, known), picked(poses, known))
     if found_m.size:
         often = "once" if found_m.size == 1 else f"{found_m.size} times"
         recording.warnings.append(

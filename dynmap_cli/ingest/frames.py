@@ -11,6 +11,8 @@ import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.files.mapped import give_back
+from dynmap_cli.ingest.columns import spans
 from dynmap_cli.ingest.raw import RawTransform, sorted_by_stamp
 
 _SAME_M, _SAME_QUATERNION = 1e-4, 1e-4
@@ -29,7 +31,7 @@ class Edge:
         Ascending; empty where the transform never changes.
     translations_m : (n or 1, 3) float64
     quaternions : (n or 1, 4) float64
-        x, y, z, w; unit length.
+        x, y, z, w; of unit length where the transform never changes, otherwise as recorded.
     """
 
     stamps_ns: I64
@@ -50,7 +52,7 @@ class Edge:
         left = right - 1
         share = ((at_ns - stamps[left]) / (stamps[right] - stamps[left]))[:, None]
         moved = self.translations_m[left] + share * (self.translations_m[right] - self.translations_m[left])
-        turned = slerp(self.quaternions[left], self.quaternions[right], share)
+        turned = slerp(unit(self.quaternions[left]), unit(self.quaternions[right]), share)
         result = matrices(moved, turned)
         result[(at_ns < stamps[0]) | (at_ns > stamps[-1])] = np.nan
         return result
@@ -59,13 +61,22 @@ class Edge:
 def make_edge(raw: RawTransform) -> Edge:
     """Sort the transforms of one pair of frames; a transform that is repeated unchanged counts as fixed."""
     stamps_ns, values = sorted_by_stamp(raw.stamps_ns, raw.values)
-    moved, turned = values[:, :3], values[:, 3:] / np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
-    is_same = (np.abs(moved - moved[0]) < _SAME_M).all() and (
-        np.abs(turned @ turned[0]) > 1.0 - _SAME_QUATERNION**2
-    ).all()
+    moved, turned = values[:, :3], values[:, 3:]
+    first = unit(turned[:1])[0]
+    is_same = all(
+        (np.abs(moved[rows] - moved[0]) < _SAME_M).all()
+        and (np.abs(unit(turned[rows]) @ first) > 1.0 - _SAME_QUATERNION**2).all()
+        for rows in spans(values.shape[0])
+    )
+    raw.give_back()
     if raw.is_static or is_same:
-        return Edge(np.zeros(0, dtype=np.int64), moved[-1:], turned[-1:])
+        return Edge(np.zeros(0, dtype=np.int64), moved[-1:].copy(), unit(turned[-1:]))
     return Edge(stamps_ns, moved, turned)
+
+
+def unit(quaternions: F64) -> F64:
+    """Quaternions (n, 4) of unit length."""
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +89,12 @@ class FrameTree:
     """
 
     edges: Mapping[tuple[str, str], Edge]
+
+    def give_back(self) -> None:
+        """Take transforms that are in files out of memory."""
+        for edge in self.edges.values():
+            give_back(edge.stamps_ns)
+            give_back(edge.translations_m)
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.frames import FrameTree, Mounting, find_mounting
-from dynmap_cli.ingest.raw import RawLaser, RawRecording
+from dynmap_cli.ingest.raw import RawRecording
+from dynmap_cli.ingest.raw_laser import RawLaser
 
 _FAR_QUANTILE = 0.95
 _SAMPLED_SWEEPS = 200

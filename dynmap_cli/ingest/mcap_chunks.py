@@ -1,14 +1,16 @@
 """Messages of an MCAP file that rosbags has opened: its chunks are unpacked as there, and cut into messages faster.
 
-In the order of rosbags: by time of recording, then by place of the chunk, then as written. Chunks that overlap in time
-are sorted together.
+In the order of rosbags: by time of recording, then by place of the chunk, then as written.
 """
 
 from __future__ import annotations
 
 import struct
+from bisect import bisect_left
+from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import decompress
 
@@ -16,46 +18,48 @@ _FRAME, _MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 _HEAD = struct.Struct("<BQHIQ")
 _CHUNK_HEAD = struct.Struct("<BQQQQI")
 _MESSAGE = 0x05
-_MOST_TOGETHER = 8
+_MOST_TOGETHER = 64
 
 Found = tuple[int, int, int, bytes]
 """Time of recording, place of the chunk, number of the channel, data."""
 
 
-def groups_of(chunks: list[Any]) -> list[list[Any]] | None:
-    """Chunks in the order of time, those that overlap together; None where too many do to be held in memory."""
-    ordered = sorted(chunks, key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset))
-    groups: list[list[Any]] = []
-    latest, last_place = -1, -1
-    for chunk in ordered:
-        place = chunk.chunk_start_offset
-        is_after = chunk.message_start_time > latest or (
-            chunk.message_start_time == latest and place > last_place
-        )
-        if is_after:
-            groups.append([chunk])
-        else:
-            groups[-1].append(chunk)
-        latest, last_place = max(latest, chunk.message_end_time), max(last_place, place)
-    return groups if all(len(group) <= _MOST_TOGETHER for group in groups) else None
+def are_orderly(chunks: list[Any]) -> bool:
+    """Whether there are chunks, and never so many of them overlap that they could not be held in memory."""
+    starts = np.sort([chunk.message_start_time for chunk in chunks])
+    ends = np.sort([chunk.message_end_time for chunk in chunks])
+    n_open = np.arange(1, starts.size + 1) - np.searchsorted(ends, starts, side="left")
+    return starts.size > 0 and int(n_open.max()) <= _MOST_TOGETHER
 
 
-def messages_of(storage: Any, group: list[Any], wanted: set[int]) -> list[Found]:
-    """The messages of chunks that overlap, of some channels.
+def ordered_messages(storage: Any, wanted: set[int]) -> Iterator[list[Found]]:
+    """Yield the messages of some channels, those of a chunk or so at a time.
 
     Raises
     ------
     ReaderError
         If a chunk is damaged.
     """
-    found: list[Found] = []
-    for chunk in group:
-        if any(chunk.channel_count.get(number, 0) for number in wanted):
-            found += _messages_in(storage, chunk, wanted)
-    times = [message[0] for message in found]
-    if times != sorted(times):
-        found.sort(key=lambda message: message[:2])
-    return found
+    chunks = sorted(
+        (chunk for chunk in storage.chunks if any(chunk.channel_count.get(number, 0) for number in wanted)),
+        key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset),
+    )
+    nexts = [chunk.message_start_time for chunk in chunks[1:]]
+    waiting: list[Found] = []
+    for number, chunk in enumerate(chunks):
+        waiting += _messages_in(storage, chunk, wanted)
+        times = [message[0] for message in waiting]
+        if times != sorted(times):
+            waiting.sort(key=_by_time_and_place)
+            times = [message[0] for message in waiting]
+        # Messages of the next chunk may come before the rest.
+        ready = bisect_left(times, nexts[number]) if number < len(nexts) else len(times)
+        yield waiting[:ready]
+        waiting = waiting[ready:]
+
+
+def _by_time_and_place(message: Found) -> tuple[int, int]:
+    return message[0], message[1]
 
 
 def _messages_in(storage: Any, chunk: Any, wanted: set[int]) -> list[Found]:

@@ -17,7 +17,8 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.clocks import UNDATED_BEFORE_NS
 from dynmap_cli.ingest.columns import blocks_of, kept_rows, new_table
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransform, ScanShape
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
+from dynmap_cli.ingest.raw_laser import RawLaser, ScanShape
 
 _OVERLAP_S = 1.0
 _JUMP_M, _JUMP_M_PER_S = 1.0, 2.0

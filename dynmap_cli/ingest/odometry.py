@@ -10,8 +10,10 @@ import numpy as np
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import compose, interpolate, inverse
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.columns import spans
 from dynmap_cli.ingest.frames import FrameTree, planar
-from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording
+from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.settings import IngestSettings
 
 _BASES = ("base_footprint", "base_link", "base")
@@ -31,7 +33,6 @@ _LEAST_COVER = 0.9
 _LEAST_PATH_M = 0.02
 _MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _NONE_WORDS = "none"
-_POSES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,8 +203,8 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
     edges = [tree.edge_between(a, b) for a, b in pairwise(steps)]
     gaps = [float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9 for edge in edges]
     flat = _planar_at(tree, odom, base, stamps_ns)
-    known = flat[np.isfinite(flat).all(axis=1)]
-    path_m = path_length_m(known)
+    is_known = np.isfinite(flat).all(axis=1)
+    path_m = path_length_m(flat if is_known.all() else flat[is_known])
     return Odometry(
         f"tf {odom} -> {base}",
         "transforms of the odometry frame",
@@ -217,10 +218,10 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
 def _planar_at(tree: FrameTree, target: str, source: str, stamps_ns: I64) -> F64:
     """target_from_source (n, 3) in the plane at each time, of two frames that are joined; in blocks, to save memory."""
     result = np.empty((stamps_ns.size, 3))
-    for start in range(0, stamps_ns.size, _POSES_AT_ONCE):
-        rows = slice(start, start + _POSES_AT_ONCE)
+    for rows in spans(stamps_ns.size):
         poses = tree.transform(target, source, stamps_ns[rows])
         result[rows] = np.nan if poses is None else planar(poses)
+        tree.give_back()
     return result
 
 
@@ -236,7 +237,11 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
             why = f"odometry messages; '{track.child}' taken to be '{base}'"
     gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
     path_m = path_length_m(track.poses)
-    at_sweeps = interpolate(stamps, poses, stamps_ns)
+    track.give_back()
+    at_sweeps = np.empty((stamps_ns.size, 3))
+    for rows in spans(stamps_ns.size):
+        at_sweeps[rows] = interpolate(stamps, poses, stamps_ns[rows])
+        track.give_back()
     return Odometry(track.name, why, at_sweeps, gap_s, path_m, rate_hz=_rate_hz(stamps))
 
 
@@ -247,7 +252,10 @@ def _rate_hz(stamps_ns: I64) -> float:
 
 def path_length_m(poses: F64) -> float:
     """Distance along poses (n, 3)."""
-    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+    steps_m = np.empty(max(poses.shape[0] - 1, 0))
+    for rows in spans(steps_m.size):
+        steps_m[rows] = np.hypot(*np.diff(poses[rows.start : rows.stop + 1, :2], axis=0).T)
+    return float(steps_m.sum())
 
 
 def _is_global(track: RawOdometry) -> str:
@@ -296,11 +304,13 @@ def _cover(poses: F64) -> float:
 
 def _path_m(poses: F64) -> float:
     """Path length with a radian of turning counted as 0.3 m, so that turning on the spot counts as moving."""
-    known = poses[np.isfinite(poses).all(axis=1)]
-    if known.shape[0] < 2:
-        return 0.0
-    steps = compose(inverse(known[:-1]), known[1:])
-    return float(np.hypot(steps[:, 0], steps[:, 1]).sum() + 0.3 * np.abs(steps[:, 2]).sum())
+    is_known = np.isfinite(poses).all(axis=1)
+    known = poses if is_known.all() else poses[is_known]
+    length_m = 0.0
+    for rows in spans(max(known.shape[0] - 1, 0)):
+        steps = compose(inverse(known[rows]), known[rows.start + 1 : rows.stop + 1])
+        length_m += float(np.hypot(steps[:, 0], steps[:, 1]).sum() + 0.3 * np.abs(steps[:, 2]).sum())
+    return length_m
 
 
 def ends_without_odometry(poses: F64) -> slice:

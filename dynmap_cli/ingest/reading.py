@@ -18,7 +18,7 @@ from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.clocks import part_clocks
-from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows
+from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows, spans
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
@@ -121,10 +121,12 @@ def _merge_drive(
     used = [choice for choice in choices if choice.used]
     mountings = [_mounting_of(choice, settings, joined) for choice in used]
     columns, out_of_order = columns_of([choice.view.laser for choice in used], joined.dropped, folder)
+    joined.give_back()
     odometry = find_odometry(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
     poses = _cut_ends(columns, odometry, joined)
+    joined.give_back()
     note_stamps([choice.view.laser for choice in used], joined)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
@@ -141,13 +143,14 @@ def _merge_drive(
             number,
             choice,
             bearings_rad,
-            compose(poses, mounting.robot_from_sensor),
+            _sensor_poses(poses, mounting),
             settings,
             folder,
         )
         for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))
     ]
     poses = _drop_empty(columns, poses, joined)
+    joined.give_back()
     log = _scan_log(
         columns, poses, bearings_rad, mountings, verdicts, tuple(file_name(name) for name in names)
     )
@@ -278,6 +281,14 @@ def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64
     if missing and odometry.source != "none":
         joined.warnings.append(f"{missing} scans have no odometry")
     return poses
+
+
+def _sensor_poses(poses: F64, mounting: Mounting) -> F64:
+    """odom_from_sensor (n, 3) from odom_from_robot; in blocks, to save memory."""
+    result = np.empty_like(poses)
+    for rows in spans(poses.shape[0]):
+        result[rows] = compose(poses[rows], mounting.robot_from_sensor)
+    return result
 
 
 def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:

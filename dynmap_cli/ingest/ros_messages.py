@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dynmap_cli.arrays import F32
+from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.ingest.columns import spans
 from dynmap_cli.ingest.kinds import LASER_TYPES, ODOMETRY_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.plausible import (
     FARTHEST_M,
@@ -21,7 +22,8 @@ from dynmap_cli.ingest.plausible import (
     is_sweep,
     printable,
 )
-from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform, ScanShape
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
+from dynmap_cli.ingest.raw_laser import ScanShape
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 LEAST_QUATERNION, MOST_QUATERNION = 0.5, 4.0
@@ -197,11 +199,7 @@ def _clean_transforms(recording: RawRecording) -> None:
     """Name frames without slashes and drop what is no rotation; done once at the end, for tf is most of many bags."""
     found, recording.transforms = recording.transforms, {}
     for (parent, child), raw in found.items():
-        values = raw.values
-        length = (np.clip(values[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
-        is_pose = (np.abs(values[:, :3]) <= FARTHEST_M).all(axis=1)
-        is_pose &= (length >= LEAST_QUATERNION) & (length <= MOST_QUATERNION)
-        is_pose &= are_stamps(raw.stamps_ns)
+        is_pose = _are_transforms(raw.values) & are_stamps(raw.stamps_ns)
         if not is_pose.all():
             recording.dropped["transform that is no pose or has no possible time"] += int(
                 np.count_nonzero(~is_pose)
@@ -209,8 +207,23 @@ def _clean_transforms(recording: RawRecording) -> None:
         if not is_pose.any():
             continue
         pair = plain_frame(parent), plain_frame(child)
+        if is_pose.all() and pair not in recording.transforms:
+            recording.transforms[pair] = raw
+            raw.give_back()
+            continue
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
         kept.add_many(raw.stamps_ns[is_pose], raw.values[is_pose])
+
+
+def _are_transforms(values: F64) -> B1:
+    """(n,) which rows x, y, z, qx, qy, qz, qw (n, 7) are poses; in blocks, to save memory."""
+    is_pose = np.zeros(values.shape[0], dtype=bool)
+    for rows in spans(is_pose.size):
+        part = values[rows]
+        length = (np.clip(part[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
+        is_pose[rows] = (np.abs(part[:, :3]) <= FARTHEST_M).all(axis=1)
+        is_pose[rows] &= (length >= LEAST_QUATERNION) & (length <= MOST_QUATERNION)
+    return is_pose
 
 
 def mend_stamps(recording: RawRecording) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.ingest.merging import period_s_of
-from dynmap_cli.ingest.raw import RawLaser
+from dynmap_cli.ingest.raw_laser import RawLaser
 
 _GAP_PERIODS = 1.5
 _STEADY_SHARE, _STEADY_PERIODS = 0.9, 0.5

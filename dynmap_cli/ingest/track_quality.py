@@ -10,6 +10,7 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.mapped import give_back
+from dynmap_cli.ingest.columns import picked, spans
 
 _SAME_POSE = 1e-9
 _MOVED_M, _SPAN_S = 0.05, 0.5
@@ -51,16 +52,16 @@ def quality_of(log: ScanLog) -> TrackQuality | None:
     known = order[log.has_odometry[order]]
     if known.size < 2:
         return None
-    poses = np.asarray(log.odometry[known], dtype=np.float64)
-    steps = between(poses[:-1], poses[1:])
+    poses = picked(log.odometry, known)
+    steps_m, turned_rad = _steps_of(poses)
     seconds = np.abs(np.diff(log.stamps_ns[known])) * 1e-9
     # Stamps that are wrong make steps short, and speeds infinite.
     seconds = np.maximum(seconds, max(float(np.median(seconds)), _LEAST_STEP_S))
-    speeds_mps = np.hypot(steps[:, 0], steps[:, 1]) / seconds
+    speeds_mps = steps_m / seconds
     moving, frozen = _moving_and_frozen(log, known)
     return TrackQuality(
         covered=round(known.size / log.n_scans, 5),
-        turned_rad=round(float(np.abs(wrap_angle(steps[:, 2])).sum()), 3),
+        turned_rad=round(turned_rad, 3),
         fastest_mps=round(float(np.quantile(speeds_mps, _FAST_QUANTILE)), 3),
         moving=moving,
         frozen=frozen,
@@ -68,11 +69,26 @@ def quality_of(log: ScanLog) -> TrackQuality | None:
     )
 
 
+def _steps_of(poses: F64) -> tuple[F64, float]:
+    """Lengths (n - 1,) of the steps between poses (n, 3), and the sum of their turns; in blocks, to save memory."""
+    steps_m = np.empty(poses.shape[0] - 1)
+    turned_rad = 0.0
+    for rows in spans(steps_m.size):
+        steps = between(poses[rows], poses[rows.start + 1 : rows.stop + 1])
+        steps_m[rows] = np.hypot(steps[:, 0], steps[:, 1])
+        turned_rad += float(np.abs(wrap_angle(steps[:, 2])).sum())
+    return steps_m, turned_rad
+
+
 def jumps_m(stamps_ns: I64, poses: F64) -> F64:
     """Lengths of the steps between poses (n, 3) that are longer than anything drives in their time."""
-    steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    gaps_s = np.abs(np.diff(stamps_ns)) * 1e-9
-    return np.asarray(steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s])
+    found = []
+    for rows in spans(max(poses.shape[0] - 1, 0)):
+        both = slice(rows.start, rows.stop + 1)
+        steps_m = np.hypot(*np.diff(poses[both, :2], axis=0).T)
+        gaps_s = np.abs(np.diff(stamps_ns[both])) * 1e-9
+        found.append(steps_m[steps_m > _JUMP_M + _JUMP_M_PER_S * gaps_s])
+    return np.concatenate(found) if found else np.zeros(0)
 
 
 def _moving_and_frozen(log: ScanLog, known: I64) -> tuple[int, int]:

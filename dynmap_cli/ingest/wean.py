@@ -16,7 +16,8 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.ingest.carmen import mounting, replace_lost_stamps
 from dynmap_cli.ingest.decimals import parse_numbers
 from dynmap_cli.ingest.plausible import FARTHEST_M, stamp_of_word, to_ranges_m
-from dynmap_cli.ingest.raw import RawOdometry, RawRecording, ScanShape, Topic
+from dynmap_cli.ingest.raw import RawOdometry, RawRecording, Topic
+from dynmap_cli.ingest.raw_laser import ScanShape
 from dynmap_cli.ingest.text_lines import text_lines
 
 _CM = 0.01

@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 
 from dynmap_cli.arrays import F64, I32, I64
 from dynmap_cli.counting.counts import Counter, count_beams, frame_of_scans
@@ -37,6 +36,7 @@ from dynmap_cli.simulation import load_scenario, simulate
 from tests.bench import beams, real_logs
 from tests.bench.localization import sample
 from tests.bench.measured import run, stage_seconds, summary_of
+from tests.bench.reading import reading_rows
 from tests.bench.tables import Row, Table
 from tests.bench.worlds import Bench, truth_folder
 
@@ -318,24 +318,6 @@ def simulation_row(bench: Bench) -> Row:
     return [f"{speed:.0f}", "2000", f"{made.log.n_scans} scans of 360 beams in a large office with people"]
 
 
-def reading_row(bench: Bench) -> Row:
-    """Reading of MCAP beside the bare library."""
-    recording = bench.recorded("office_two_hours", "office_two_hours-cut", lane=beams.CUT["office_two_hours"])
-    run_dir, _ = bench.built("office_two_hours-cut", recording)
-
-    def bare() -> int:
-        with AnyReader([recording]) as reader:
-            return sum(
-                reader.deserialize(raw, connection.msgtype).ranges.size > 0
-                for connection, _, raw in reader.messages()
-                if connection.msgtype == "sensor_msgs/msg/LaserScan"
-            )
-
-    n_scans = read_scan_log(run_dir / "scans").n_scans
-    ours, alone = n_scans / stage_seconds(run_dir)["ingest"], n_scans / cpu_s(bare)
-    return [f"{ours:.0f}", "", f"rosbags alone, all messages read, scans decoded: {alone:.0f}"]
-
-
 def help_row(bench: Bench) -> Row:
     """Start of the command line."""
     words = [Path(sys.executable).with_name("dynmap"), "--help"]
@@ -374,7 +356,7 @@ def tables(bench: Bench) -> list[Table]:
     )
     table.add("localization, ms per update", lambda: update_row(bench))
     table.add("simulation, scans per s", lambda: simulation_row(bench))
-    table.add("reading MCAP, scans per s", lambda: reading_row(bench))
+    _try(table, "reading", lambda: reading_rows(bench, table, cpu_s))
     table.add("`dynmap --help`, s", lambda: help_row(bench))
     table.add("compilation, s", lambda: compile_row(bench))
     if (load := os.getloadavg()[0]) > 1.5:

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from dynmap_cli.cli import main
-from dynmap_cli.ingest.raw import RawLaser, ScanShape
+from dynmap_cli.ingest.raw_laser import RawLaser, ScanShape
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.timing import timing_of
