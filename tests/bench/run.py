@@ -27,6 +27,7 @@ from tests.bench import (
     drives,
     filtering,
     kernels,
+    kills,
     localization,
     mapping_cost,
     odometry,
@@ -61,6 +62,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
 LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "robustness": robustness.tables,
     "length": patrol.length_tables,
+    "kills": kills.tables,
 }
 
 
