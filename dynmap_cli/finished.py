@@ -165,7 +165,7 @@ def export_map(run_dir: Path, out_dir: Path, rule: StateRule, *, force: bool) ->
 
 def write_timeline(run_dir: Path, out_dir: Path) -> dict[str, Any]:
     """Write which state each sub-map was seen in, and when."""
-    with finished_run(run_dir, (SEGMENT, CLUSTER)):
+    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)):
         return history.write_timeline(run_dir, out_dir)
 
 

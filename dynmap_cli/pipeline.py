@@ -163,6 +163,21 @@ def check_finished(run_dir: Path, stages: Sequence[Stage]) -> None:
     for stage in stages:
         _outputs_of(run_dir / stage.folder, stage)
     _check_made(run_dir, stages)
+    _check_edits(run_dir, stages)
+
+
+def _check_edits(run_dir: Path, stages: Sequence[Stage]) -> None:
+    """Refuse corrections by hand that cannot be read, and results that do not follow those that are there now."""
+    edits.read_edits(run_dir)
+    now = edits.edit_digests(run_dir)
+    for stage in stages:
+        done = read_manifest(run_dir / stage.folder, stage.name)
+        then = {name: digest for name, digest in (done.inputs if done else now).items() if name == edits.NAME}
+        if edits.NAME in stage.reads and now != then:
+            msg = (
+                f"{run_dir / edits.NAME}: changed since '{stage.name}' was run. Run `dynmap edit {run_dir}`."
+            )
+            raise ArtifactError(msg)
 
 
 def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path | None = None) -> StageResult:

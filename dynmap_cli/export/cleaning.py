@@ -19,6 +19,7 @@ from dynmap_cli.files.atomic import replacing
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.containers import Source
 from dynmap_cli.ingest.kinds import CLOUD_TYPES, FOXGLOVE_TYPES, LASER_TYPES
+from dynmap_cli.ingest.raw import file_name
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.stored import StoredMessage
 from dynmap_cli.ingest.wean import read_wean
@@ -121,6 +122,11 @@ def _write(
                 raise _several_drives(labels.drives)
             writer.finish()
     done.losses = [one.damage.line() for one in containers if one.damage]
+    done.losses += [
+        f"{file_name(source.name)}: {source.damage}; cleaned as far as it could be unpacked"
+        for source in sources
+        if source.damage and source.kind in _TEXT_READERS
+    ]
     return done
 
 

@@ -7,7 +7,7 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -115,14 +115,23 @@ def _open(path: Path) -> Iterator[AnyReader]:
             check_index(inner)
         _check_definitions(reader)
     except UnreadableBagError:
+        _close(reader)
         raise
     except Exception as err:
+        _close(reader)
         why = _ABOUT_FILE.sub("", words_of(err))
         raise UnreadableBagError("" if _NOT_ROS2_PROFILE in why else why) from err
     try:
         yield reader
     finally:
         reader.close()
+
+
+def _close(reader: AnyReader | None) -> None:
+    """Close a reader that may not be open, or not wholly."""
+    for inner in () if reader is None else reader.readers:
+        with suppress(Exception):
+            inner.close()
 
 
 def check_index(reader: Any) -> None:

@@ -21,7 +21,7 @@ _LEAST_PATH_M = 3.0
 _LEAST_TURN_RAD, _LEAST_TO_A_SIDE_RAD = math.radians(180.0), math.radians(45.0)
 _LEAST_SCANS, _MOST_SCANS, _LEAST_TURNS = 40, 4000, 8
 _LEAST_SAME, _LEAST_MEASURED = 0.97, 0.5
-_AHEAD = 512
+_AHEAD, _FARTHEST_AHEAD = 16, 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Moves:
 
 
 def moves_of(poses: F64, usable: B1) -> Moves:
-    """Choose scans so that the robot moved from each to the next; the noise of odometry at rest is none.
+    """Choose up to 4000 scans so that the robot moved from each to the next; the noise of odometry at rest is no move.
 
     Parameters
     ----------
@@ -71,24 +71,21 @@ def moves_of(poses: F64, usable: B1) -> Moves:
     """
     known = np.flatnonzero(usable & np.isfinite(poses).all(axis=1))
     chosen = [0] if known.size else []
-    at = 1
-    while at < known.size:
-        last, ahead = poses[known[chosen[-1]]], poses[known[at : at + _AHEAD]]
+    at, window = 1, _AHEAD
+    while at < known.size and len(chosen) < _MOST_SCANS:
+        last, ahead = poses[known[chosen[-1]]], poses[known[at : at + window]]
         is_away = np.hypot(ahead[:, 0] - last[0], ahead[:, 1] - last[1]) >= _STEP_M
         is_away |= np.abs(wrap_angle(ahead[:, 2] - last[2])) >= _STEP_RAD
         first = int(np.argmax(is_away))
         if is_away[first]:
             chosen.append(at + first)
-            at += first + 1
+            at, window = at + first + 1, _AHEAD
         else:
-            at += _AHEAD
+            at, window = at + window, min(2 * window, _FARTHEST_AHEAD)
     rows = known[np.array(chosen, dtype=np.int64)]
     steps = np.diff(poses[rows], axis=0)
     turns_rad = np.concatenate([np.zeros(min(rows.size, 1)), wrap_angle(steps[:, 2])])
     path_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    if rows.size > _MOST_SCANS:
-        kept = np.linspace(0, rows.size - 1, _MOST_SCANS).astype(np.int64)
-        rows, turns_rad = rows[kept], turns_rad[kept]
     return Moves(rows, turns_rad, path_m)
 
 

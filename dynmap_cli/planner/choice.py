@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,8 @@ from dynmap_cli.domain.patches import Visit
 from dynmap_cli.domain.times import parse_iso, readable_time
 from dynmap_cli.files.trajectory import parse_stamp
 
+_DATE = re.compile(r"(19|20|21)\d{6}")
+"""A date as ISO 8601 also writes it; such a count of seconds lies in the year 1970, when no robot drove."""
 LATEST, MOST_LIKELY, OPEN, UNION, AT = "latest", "most-likely", "open", "union", "at"
 
 
@@ -45,7 +48,8 @@ def parse_rule(text: str) -> StateRule:
     if kind != AT or not time:
         msg = f"expected {LATEST}, {MOST_LIKELY}, {OPEN}, {UNION} or {AT}=TIME"
         raise ValueError(msg)
-    for parse in (parse_stamp, parse_iso):
+    readers = (parse_iso, parse_stamp) if _DATE.fullmatch(time) else (parse_stamp, parse_iso)
+    for parse in readers:
         try:
             return StateRule(AT, parse(time))
         except (ValueError, OverflowError):

@@ -28,6 +28,7 @@ from tests.bench import (
     drives,
     filtering,
     kernels,
+    kills,
     localization,
     mapping_cost,
     odometry,
@@ -68,6 +69,7 @@ LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "robustness": robustness.tables,
     "length": patrol.length_tables,
     "segmentation": segmentation.tables,
+    "kills": kills.tables,
 }
 
 

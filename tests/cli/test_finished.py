@@ -249,3 +249,23 @@ def test_runs_that_are_missing_unfinished_damaged_or_stale(small, tmp_path, verb
     if verb != "timeline":
         assert "made from another map/" in refused(FILES, *words_of(verb, tmp_path / "stale", tmp_path))
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_corrections_that_are_damaged_or_not_followed_yet_are_said(small, tmp_path, verb):
+    edits = small.run_dir / "edits.yaml"
+    edits.write_text("corrections: [")
+    assert "edits.yaml: not a list of corrections" in refused(FILES, *words_of(verb, small.run_dir, tmp_path))
+    edits.write_text(
+        "format_version: 1\ncorrections:\n- add: {submap: 7, polygon_m: [[1, 1], [2, 1], [2, 2]]}\n"
+    )
+    assert "edits.yaml: changed since 'segment' was run" in refused(
+        FILES, *words_of(verb, small.run_dir, tmp_path)
+    )
+
+
+@pytest.mark.parametrize("stage", ["map", "submaps", "patches"])
+def test_a_stage_that_is_not_done_is_noticed(small, tmp_path, stage):
+    for verb in ("timeline", "export"):
+        shutil.rmtree(small.run_dir / stage, ignore_errors=True)
+        assert "is not done here" in refused(FILES, *words_of(verb, small.run_dir, tmp_path))

@@ -1,9 +1,13 @@
 """`-`: a recording through a pipe."""
 
+import json
 import subprocess
 import sys
 
+import pytest
 import yaml
+
+from tests.ingest.corpus import FILES
 
 
 def dynmap(words, data):
@@ -22,6 +26,16 @@ def test_a_recording_through_a_pipe_is_that_of_a_file(made, tmp_path):
     for path in folders[0].glob("*.npy"):
         assert all((folder / path.name).read_bytes() == path.read_bytes() for folder in folders[1:])
     assert yaml.safe_load((folders[1] / "recordings.json").read_text()) == ["stdin"]
+
+
+@pytest.mark.parametrize("variant", ["ros1", "db3", "carmen xz", "ros1 in zst"])
+def test_every_format_of_one_file_comes_through_a_pipe(variant, tmp_path):
+    done = dynmap(["check", "-", "--json", "-q"], FILES[variant](tmp_path).read_bytes())
+    assert done.returncode == 0, done.stderr
+    (drive,) = json.loads(done.stdout)["drives"]
+    assert drive["scans"] == 60
+    assert drive["recordings"][0]["name"] == "stdin"
+    assert not drive["damage"]
 
 
 def test_a_file_as_standard_input_is_read_where_it_lies(made):

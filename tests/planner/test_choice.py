@@ -86,6 +86,9 @@ def test_rules_are_read_as_they_are_written():
         assert parse_rule(kind) == StateRule(kind)
     for text in ("at=1772438400", "at=1772438400.0", "at=2026-03-02T08:00:00Z", "at=2026-03-02T09:00+01:00"):
         assert parse_rule(text) == StateRule("at", START_NS)
+    assert parse_rule("at=20260302T080000Z") == parse_rule("at=2026-03-02T08:00") == StateRule("at", START_NS)
+    assert parse_rule("at=20260302") == parse_rule("at=2026-03-02")
+    assert parse_rule("at=20261399") == StateRule("at", 20261399 * 10**9)
 
 
 @pytest.mark.parametrize(
