@@ -35,6 +35,7 @@ from tests.bench import (
     real_logs,
     robustness,
     states,
+    verdict,
 )
 from tests.bench.measured import PROJECT, Jobs, dynmap
 from tests.bench.results import RESULTS, page, rewrite_short_form, section, with_section, with_sections_of
@@ -54,6 +55,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "states": states.tables,
     "drives": drives.tables,
     "localization": localization.tables,
+    "verdict": verdict.tables,
     "peers": peers.tables,
     "cleaned": cleaned.tables,
     "speed": kernels.tables,
