@@ -8,12 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.health import lost_measure
 from dynmap_cli.localization.places import Place
 
 SAME_PLACE_M = 1.5
 LEAST_UPDATES = 5
 """What was seen changed in fewer updates is not worth an update of the map."""
 MOST_NAMED = 5
+ANOTHER_PLACE = 1.6
+"""Median of the lost measure above which a recording is not of the place of the map."""
 
 
 @dataclass(slots=True)
@@ -70,6 +73,11 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
         more = f" and {len(named) - MOST_NAMED} more places" if len(named) > MOST_NAMED else ""
         words += f"; a map update is advised for {', '.join(named[:MOST_NAMED])}{more}"
     return words
+
+
+def is_another_place(rows: Sequence[HealthRow]) -> bool:
+    """Whether a recording was not made in the place of the map: at least half of its scans contradict it."""
+    return bool(rows) and float(np.median([lost_measure(row.health) for row in rows])) > ANOTHER_PLACE
 
 
 def _is_same(one: Place, other: Place) -> bool:
