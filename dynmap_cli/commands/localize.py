@@ -39,7 +39,11 @@ def _smooth_option(function: Function) -> Function:
 @click.argument("paths", metavar="[RUN] LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/localization/NAME.")
 @click.option(
-    "--map", "map_yaml", metavar="FILE.yaml", type=PATH, help="Localize in this map_server map, without RUN."
+    "--map",
+    "map_yaml",
+    metavar="MAP",
+    type=PATH,
+    help="Localize in this map_server map (its YAML), or in CMU's wean.dat, without RUN.",
 )
 @click.option(
     "--force", is_flag=True, help="Run also when up to date, and replace results of other recordings."

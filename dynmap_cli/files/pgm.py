@@ -13,6 +13,7 @@ from PIL import Image
 from dynmap_cli.arrays import I8
 from dynmap_cli.domain.grid import FARTHEST_M, FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.beesoft import is_beesoft_map, read_beesoft_map
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.images import read_grey
@@ -46,7 +47,7 @@ def pgm_bytes(cells: I8) -> bytes:
 
 
 def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
-    """Read any map_server pair in trinary reading.
+    """Read any map_server pair in trinary reading, or a map as in `files.beesoft`.
 
     Returns
     -------
@@ -59,6 +60,8 @@ def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
     ArtifactError
         If the YAML or the image is missing, damaged, rotated or too large.
     """
+    if is_beesoft_map(yaml_path):
+        return read_beesoft_map(yaml_path), []
     content = _read_yaml(yaml_path)
     occupied_thresh, free_thresh = content["occupied_thresh"], content["free_thresh"]
     warnings = []
@@ -86,7 +89,9 @@ def read_map(yaml_path: Path) -> tuple[OccupancyGrid, list[str]]:
 
 
 def image_of(yaml_path: Path) -> Path:
-    """Where the image of a map_server YAML lies."""
+    """Where the image of a map_server YAML lies; a map as in `files.beesoft` has all in one file."""
+    if is_beesoft_map(yaml_path):
+        return yaml_path
     image: str = _read_yaml(yaml_path)["image"]
     return yaml_path.parent / image
 

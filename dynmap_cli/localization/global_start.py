@@ -15,14 +15,12 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.modes import Look, judge_modes, look_scores
-from dynmap_cli.localization.particle_filter import Particles, estimate_pose, make_particles
+from dynmap_cli.localization.particle_filter import Particles, make_particles
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
 
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
-SURE_SHARE = 0.99
-"""Share of the draw in one place from which on no further scan is needed."""
 CLEARLY_BETTER = 3.0
 """Tempered log-likelihood by which another place must beat the current one."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
@@ -60,19 +58,14 @@ def global_start(
 ) -> Particles:
     """Particles at the pose of a scan, drawn from a lattice over all free cells and all yaws.
 
-    The lattice sees the union of all states. Where one scan is ambiguous, later ones are put in by
-    odometry until nearly all of the draw lies in one place.
+    The lattice sees the union of all states. Later scans are put in by odometry.
     """
     candidates = lattice_candidates(log, scan, pool, settings, executor)
     looks = [_look(log, scan, scan, settings)]
-    particles = draw_start(_judged(candidates, looks, pool, settings), settings, random)
     for later in _later_scans(log, scan, settings):
-        if estimate_pose(particles).share >= SURE_SHARE:
-            break
         looks.append(_look(log, scan, later, settings))
         candidates = _with_look(candidates, looks[-1], pool, settings)
-        particles = draw_start(_judged(candidates, looks, pool, settings), settings, random)
-    return particles
+    return draw_start(_judged(candidates, looks, pool, settings), settings, random)
 
 
 def search_again(

@@ -17,13 +17,13 @@ from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import place_sweep
 
 START_BEAMS = 60
-MODES = 30
+MODES = 100
 APART_M, APART_RAD = 0.75, math.radians(20.0)
 """Candidates closer than this belong to one place."""
 LOG_LIKELIHOOD_PER_PLACE = -2.0
 """Of a scan that goes through walls in one more place: a likelihood field does not see it, and it happens where a
 door was opened, but not in many places."""
-_LEAST_BELOW = 40.0
+_LEAST_BELOW = 20.0
 """Candidates with a log-likelihood this far below the best are out of the question."""
 _STEPS = np.arange(-2, 3)
 

@@ -19,7 +19,7 @@ POSES_HEADER = (
 STATES_HEADER = "stamp_s,submap,patch,probability"
 HEALTH_HEADER = (
     "stamp_s,explained,explained_by_other_state,unexplained,log_likelihood_per_beam,"
-    "effective_particles,patch_entropy_bits,verdict"
+    "effective_particles,patch_entropy_bits,verdict,where"
 )
 
 
@@ -53,7 +53,7 @@ def write_health(path: Path, rows: Sequence[HealthRow]) -> None:
         lines.append(
             f"{format_stamp(row.stamp_ns)},{health.explained:.4f},{health.explained_by_other_state:.4f},"
             f"{health.unexplained:.4f},{row.log_likelihood_per_beam:.4f},{row.effective_particles:.1f},"
-            f"{row.patch_entropy_bits:.4f},{row.verdict}"
+            f"{row.patch_entropy_bits:.4f},{row.verdict},{health.where if row.verdict == 'changed' else ''}"
         )
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 

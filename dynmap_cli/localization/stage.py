@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.beam_model import with_beam_model
-from dynmap_cli.localization.found import Localization
+from dynmap_cli.localization.changes import is_another_place
+from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.map_pool import MapPool, make_map_pool
 from dynmap_cli.localization.outputs import write_health, write_particles, write_poses, write_states
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -50,7 +52,7 @@ def run(context: StageContext) -> dict[str, Any]:
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, pool, _names(context))
-    warnings += [*found.warnings, *_warn_of_losses(summary["lost"])]
+    warnings += [*found.warnings, *_warn_of_losses(summary["lost"], found.health)]
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
 
@@ -63,8 +65,13 @@ def _write_smoothed(folder: Path, smoothed: Smoothed, found: Localization, pool:
     write_health(folder / "health.csv", found.health)
 
 
-def _warn_of_losses(lost_share: float) -> list[str]:
+def _warn_of_losses(lost_share: float, rows: Sequence[HealthRow]) -> list[str]:
     """A robot that is lost for much of a recording is probably somewhere else."""
+    if is_another_place(rows):
+        return [
+            "this is not the place of the map: half of the scans contradict it wherever the robot is put; "
+            "do not trust states and poses"
+        ]
     if lost_share <= _MUCH_LOST:
         return []
     return [

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynmap_cli.localization.changes import changed_line
 from dynmap_cli.localization.found import Localization, StateRow
 from dynmap_cli.localization.map_pool import MapPool
 
@@ -31,6 +32,8 @@ def summarize(found: Localization, pool: MapPool, names: Mapping[int, str]) -> d
         words.append(f"searched for in the whole map {times}")
     first_ns = int(found.trajectory.stamps_ns[0]) if n_scans else 0
     lines = [f"{n_scans} scans: {', '.join(words)}"]
+    if changed := changed_line(found.health, first_ns):
+        lines.append(changed)
     lines += [
         f"sub-map {_called(pool.submaps[number].submap_id, names)}: {history}"
         for number in range(len(pool.submaps))

@@ -183,7 +183,7 @@ class _Tracker:
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
-        if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt or not estimate.is_one_mode):
+        if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
             found = self._search(scan, particles)
             if found is not None:
                 return found

@@ -39,6 +39,7 @@ from tests.bench import (
     robustness,
     segmentation,
     states,
+    verdict,
 )
 from tests.bench.measured import PROJECT, Jobs, dynmap
 from tests.bench.results import RESULTS, page, rewrite_short_form, section, with_section, with_sections_of
@@ -61,6 +62,7 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "drives": drives.tables,
     "localization": localization.tables,
     "real": real_localization.tables,
+    "verdict": verdict.tables,
     "peers": peers.tables,
     "cleaned": cleaned.tables,
     "speed": kernels.tables,

@@ -1,0 +1,51 @@
+"""Where a map is out of date, and whether it is the right one."""
+
+from dynmap_cli.localization.changes import changed_line, changed_places, is_another_place
+from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.health import ScanHealth
+from dynmap_cli.localization.places import Place
+
+
+def row(second, verdict="tracking", place=None, changed=0.0, unexplained=0.0, places_through=0):
+    health = ScanHealth(1.0 - unexplained, 0.0, unexplained, places_through, changed, place)
+    return HealthRow(second * 10**9, health, -1.0, 500.0, 0.0, verdict)
+
+
+BOX, SAME_BOX, GAP = Place("object", 3.0, 4.0), Place("object", 3.5, 4.2), Place("opening", 8.0, 1.0)
+DOOR = Place("sub-map", 3.0, 4.0, 7)
+
+
+def test_updates_in_one_place_are_counted_together_and_the_worst_is_named():
+    rows = [
+        row(0),
+        *(row(k, "changed", BOX, 0.1) for k in range(1, 6)),
+        row(6, "changed", SAME_BOX, 0.3),
+        row(7, "changed", GAP, 0.2),
+        row(8, "lost", GAP, 0.9),
+        row(9),
+    ]
+    first, second = changed_places(rows)
+    assert (first.updates, first.place, first.stamp_ns) == (6, SAME_BOX, 6 * 10**9)
+    assert (second.updates, second.place) == (1, GAP)
+    assert changed_line(rows, 0) == (
+        "70 % of the run in changed surroundings, worst at object 3.5 4.2 (t = 6.0 s, 30 % of the beams); "
+        "a map update is advised for object 3.5 4.2"
+    )
+
+
+def test_a_sub_map_is_a_place_of_its_own():
+    rows = [row(k, "changed", place, 0.1) for k in range(6) for place in (BOX, DOOR)]
+    assert [str(one.place) for one in changed_places(rows)] == ["object 3.0 4.0", "sub-map 7"]
+    assert "advised for object 3.0 4.0, sub-map 7" in changed_line(rows, 0)
+
+
+def test_nothing_changed_nothing_said():
+    assert changed_line([row(0), row(1, "lost", BOX, 0.5)], 0) == ""
+    assert changed_line([], 0) == ""
+
+
+def test_a_recording_of_another_place_contradicts_the_map_in_most_scans():
+    assert is_another_place([row(k, places_through=2, unexplained=0.3) for k in range(9)])
+    assert not is_another_place([row(k, unexplained=0.3) for k in range(9)])
+    assert not is_another_place([row(k, places_through=5 * (k < 4)) for k in range(9)])
+    assert not is_another_place([])
