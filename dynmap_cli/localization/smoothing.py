@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
-from dynmap_cli.domain.poses import Trajectory, between, compose, inverse, wrap_angle
+from dynmap_cli.domain.poses import Trajectory, between, compose, inverse, transform_points, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.scan_fits import scan_normal_equations
+from dynmap_cli.localization.bridges import Way, bridged
 from dynmap_cli.localization.found import Localization, StateRow
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import Motion, sample_motion
@@ -26,6 +27,10 @@ JUMP_M, JUMP_RAD = 0.5, 0.35
 """The filter was elsewhere before, when its step differs from that of the odometry by more."""
 CLEARLY_BETTER = 3.0
 """Log-likelihood by which the path led back from later poses must beat that of the filter."""
+HOPELESS = 50.0
+"""A path led back that has lost so much log-likelihood since it was at its best is not led further."""
+SAME_M = 0.1
+"""It has come back to that of the filter where the two are so near."""
 MOVED_M = 0.5
 """States that were learned from a pose further away than this from the smoothed one are forgotten."""
 _SAMPLES = 400
@@ -90,11 +95,18 @@ class _Chain:
         self._floor = float(np.exp(least_log_likelihood(settings)))
         self._sigma_cells = settings.sigma_hit / pool.frame.resolution_m
         self._scratch = np.empty((2, 2, 4))
+        self._usual: float | None = None
+        self._filtered = np.empty((0, 3))
         self._measured: B1 = np.asarray(np.isfinite(log.odometry[scans]).all(axis=1))
         self._odometry = log.odometry[scans]
 
     def likeliest(self, poses: F64) -> F64:
         """The path: first the right place throughout, then the likeliest poses there."""
+        self._filtered = poses
+        steps, measured = self._steps(poses)
+        jumps = np.flatnonzero(_is_jump(between(steps, between(poses[:-1], poses[1:])))).tolist()
+        way = Way(self._odometry, measured)
+        poses = bridged(poses, jumps, way, self._cost_of_known, self._jump_cost())
         steps, measured = self._steps(poses)
         poses = self._led_back(poses, steps, measured)
         steps, measured = self._steps(poses)
@@ -122,7 +134,7 @@ class _Chain:
         is_jump = _is_jump(between(steps, between(poses[:-1], poses[1:])))
         jumps = np.flatnonzero(measured & is_jump)
         for jump in jumps[::-1].tolist():
-            led, gains = [], []
+            led, gains, total, best = [], [], 0.0, 0.0
             pose = poses[jump + 1]
             for node in range(jump, -1, -1):
                 if not measured[node]:
@@ -130,11 +142,12 @@ class _Chain:
                 pose = self._refined(node, pose, Motion(inverse(steps[node]), measured=True))
                 led.append(pose)
                 gains.append(float(self._fit(node, poses[node])[0] - self._fit(node, pose)[0]))
-                if np.hypot(*(pose - poses[node])[:2]) < 0.1:
+                total += gains[-1]
+                best = max(best, total)
+                if total < best - HOPELESS or np.hypot(*(pose - poses[node])[:2]) < SAME_M:
                     break
-            total = np.cumsum(gains)
-            if total.size and total.max() > CLEARLY_BETTER:
-                for back_by in range(int(np.argmax(total)) + 1):
+            if best > CLEARLY_BETTER:
+                for back_by in range(int(np.argmax(np.cumsum(gains))) + 1):
                     poses[jump - back_by] = led[back_by]
         return poses
 
@@ -153,6 +166,32 @@ class _Chain:
             return np.asarray(self._fit(node, pose) + by_way)
 
         return np.asarray(likeliest_chain(reached[None, :], [], fit)[0])
+
+    def _cost_of_known(self, node: int, pose: F64) -> float:
+        """Negative log-likelihood of a scan, in which ends where the map knows nothing cost as much as is usual."""
+        if self._usual is None:
+            self._usual = float(np.median([self._mean_cost(k, at) for k, at in enumerate(self._filtered)]))
+        cost, is_known = self._costs(node, pose)
+        return self._tempers[node] * float(np.where(is_known, cost, self._usual).sum())
+
+    def _mean_cost(self, node: int, pose: F64) -> float:
+        cost, is_known = self._costs(node, pose)
+        return float(cost[is_known].mean()) if bool(is_known.any()) else 0.0
+
+    def _costs(self, node: int, pose: F64) -> tuple[F64, B1]:
+        """Of each end, and whether it lies where the map knows something."""
+        frame = self._pool.frame
+        self._states.show(int(self._stamps[node]))
+        cells = frame.to_cells(transform_points(pose, self._ends[node].T * frame.resolution_m))
+        rows, cols = np.clip(cells, 0, np.array(frame.shape) - 1).T
+        is_known = self._pool.free[rows, cols] | self._pool.explained[rows, cols]
+        return -np.log(self._states.field[rows, cols].astype(np.float64)), is_known
+
+    def _jump_cost(self) -> float:
+        """Logarithm of the number of places where a robot that was carried may be, as a global start counts them."""
+        settings, cell_m = self._settings, self._pool.frame.resolution_m
+        places = float(self._pool.free.sum()) * (cell_m / settings.start_pitch_m) ** 2
+        return float(np.log(max(places * 360.0 / settings.start_pitch_deg, 1.0)))
 
     def _fit_from(self, first: int) -> ScanFit:
         """The same as `_fit`, with nodes counted from some node."""

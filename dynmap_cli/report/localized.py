@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
 from dynmap_cli.files.trajectory import parse_stamp, read_tum
 from dynmap_cli.report.pictures import INK, PAPER, MapPicture, font_of
 
@@ -172,10 +170,10 @@ def _above_legend(image: Image.Image, verdicts: Sequence[str]) -> Image.Image:
 
 def _verdicts(path: Path, trajectory: Trajectory) -> list[str]:
     """Of each scan: that of the update before it, or of the first."""
-    rows = _rows(path)
-    stamps = [parse_stamp(row["stamp_s"]) for row in rows]
+    rows = [(parse_stamp(row["stamp_s"]), row["verdict"]) for row in _rows(path)]
+    stamps = [stamp for stamp, _ in rows]
     return [
-        rows[max(bisect_right(stamps, stamp) - 1, 0)]["verdict"] if rows else "lost"
+        rows[max(bisect_right(stamps, stamp) - 1, 0)][1] if rows else "lost"
         for stamp in trajectory.stamps_ns.tolist()
     ]
 
@@ -193,5 +191,7 @@ def _believed_last(path: Path) -> dict[int, tuple[int, float]]:
     return best
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(read_text(path, MAX_TABLE_BYTES))))
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    """Row by row: a day of states is large."""
+    with path.open(encoding="ascii", newline="") as stream:
+        yield from csv.DictReader(stream)
