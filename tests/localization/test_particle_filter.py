@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.kernels.particles import count_bins
 from dynmap_cli.localization.particle_filter import (
     BIN_M,
     BIN_RAD,
@@ -50,12 +51,14 @@ def test_bins_and_cluster_are_their_plain_twins(seed, n, wide):
     submaps, states = random.integers(-1, 3, (2, n)).astype(np.int32)
     bins = bins_of(poses, submaps, states)
     assert bins.tolist() == plain_bins(poses, submaps, states, BIN_M, BIN_RAD)
+    drawn = random.integers(0, n, 3 * n)
+    assert count_bins(bins, drawn, np.empty(n, np.int32)) == len(set(bins[drawn].tolist()))
     particles = Particles(poses, random.dirichlet(np.ones(n)), submaps, states)
     places = plain_bins(poses, submaps * 0, states * 0, BIN_M, BIN_RAD)
     x, y, yaw, share, spread = plain_cluster(poses, particles.weights, places, CLUSTER_M, CLUSTER_RAD)
     found = estimate_pose(particles)
     np.testing.assert_allclose([*found.pose[:2], found.share], [x, y, share], atol=1e-9)
-    assert abs(wrap_angle(np.asarray(found.pose[2] - yaw))) < 0.01
+    assert abs(wrap_angle(np.asarray(found.pose[2] - yaw))) < 1e-9
     assert abs(found.spread_m - spread) < 1e-9
 
 
