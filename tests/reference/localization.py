@@ -163,6 +163,21 @@ def plain_low_variance(weights, count, offset):
     return chosen
 
 
+def plain_kld_count(bins, error, quantile):
+    """Fox (2003), Eq. 7, by the approximation of Wilson and Hilferty."""
+    if bins < 2:
+        return 1
+    k = bins - 1
+    return math.ceil(k / (2 * error) * (1 - 2 / (9 * k) + math.sqrt(2 / (9 * k)) * quantile) ** 3)
+
+
+def plain_resample(weights, bins, offsets, kld, least, most):
+    """Indices of the particles drawn: a first draw tells how many bins are occupied, a second one is kept."""
+    occupied = {bins[k] for k in plain_low_variance(weights, len(weights), offsets[0])}
+    wanted = min(max(plain_kld_count(len(occupied), *kld), least), most)
+    return plain_low_variance(weights, wanted, offsets[1])
+
+
 def exact_state_posterior(prior, stays, log_likelihoods):
     """Bayes by enumeration: sum over all sequences of states, Eq. 1.24 at a known pose.
 
