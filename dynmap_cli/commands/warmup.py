@@ -63,4 +63,7 @@ def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     )  # topics of a robot are not those here
     # The sums of several threads are joined by a kernel of their own.
     build(folder / "run", [recording], config, threads=max(2, shared.threads))
-    localize(folder / "run", [recording], folder / "out", config, threads=shared.threads, force=False)
+    for sensor in ("likelihood_field", "beam"):
+        weighed = config.localization.model_copy(update={"sensor": sensor})
+        chosen = config.model_copy(update={"localization": weighed})
+        localize(folder / "run", [recording], folder / sensor, chosen, threads=shared.threads, force=False)

@@ -40,6 +40,11 @@ class GridFrame:
         """(rows, cols)."""
         return self.rows, self.cols
 
+    @property
+    def corner(self) -> F64:
+        """(3,) x and y of the lower left corner and the edge of a cell, as kernels take it."""
+        return np.array([self.origin_x_m, self.origin_y_m, self.resolution_m])
+
     def to_cells(self, points_m: F64) -> I64:
         """(..., 2) points in the map frame -> (..., 2) row, col; may lie outside the grid."""
         cells = np.empty(points_m.shape)

@@ -111,6 +111,68 @@ def own_cells(points_m: F64, cell: F64, owned: B1, cells: I64, inside: B1) -> No
 
 
 @kernel
+def explain_ends(ends_m: F64, cell: F64, explained: B1, out: B1) -> None:
+    """Write whether the cell of each end is an explained one; ends outside the grid count for its border.
+
+    Parameters
+    ----------
+    ends_m : (n, 2) float64
+    cell : (3,) float64
+        x and y of the grid's lower left corner, and the edge of a cell, in metres.
+    explained : (rows, cols) bool
+    out : (n,) bool
+    """
+    rows, cols = explained.shape
+    for k in range(ends_m.shape[0]):
+        col = math.floor((ends_m[k, 0] - cell[0]) / cell[2])
+        row = math.floor((ends_m[k, 1] - cell[1]) / cell[2])
+        out[k] = explained[min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)]
+
+
+@kernel
+def explain_by_states(
+    ends_m: F64, cell: F64, owned: B1, explained: B1, state: int, now: B1, other: B1
+) -> None:
+    """Overwrite, for ends in own cells of a sub-map, whether one state explains them, and whether only others do.
+
+    Parameters
+    ----------
+    ends_m : (n, 2) float64
+    cell : (3,) float64
+        As for `explain_ends`, of the sub-map.
+    owned : (rows, cols) bool
+    explained : (n_states, rows, cols) bool
+    state : int
+    now, other : (n,) bool
+    """
+    rows, cols = owned.shape
+    for k in range(ends_m.shape[0]):
+        col = math.floor((ends_m[k, 0] - cell[0]) / cell[2])
+        row = math.floor((ends_m[k, 1] - cell[1]) / cell[2])
+        if 0 <= row < rows and 0 <= col < cols and owned[row, col]:
+            now[k] = explained[state, row, col]
+            other[k] = explained[:, row, col].any() and not now[k]
+
+
+@kernel
+def place_beams(directions_rad: F64, lengths_m: F64, pose: F64, out_rad: F64, out_m: F64) -> None:
+    """Write the directions and the ends of beams that start at a pose (3,).
+
+    Parameters
+    ----------
+    directions_rad, lengths_m : (n,) float64
+        Seen from the pose.
+    pose : (3,) float64
+    out_rad : (n,) float64
+    out_m : (n, 2) float64
+    """
+    for k in range(directions_rad.size):
+        out_rad[k] = directions_rad[k] + pose[2]
+        out_m[k, 0] = pose[0] + lengths_m[k] * math.cos(out_rad[k])
+        out_m[k, 1] = pose[1] + lengths_m[k] * math.sin(out_rad[k])
+
+
+@kernel
 def first_crossings(
     surfaces: U8,
     x_cells: float,

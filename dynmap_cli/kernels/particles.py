@@ -122,9 +122,7 @@ def slot_of(keys: I32, entry: int, table: I32) -> int:
 
 
 @kernel
-def sort_into_bins(
-    poses: F64, submaps: I32, states: I32, bin_m: float, bin_rad: float, keys: I32, table: I32, out: I32
-) -> None:
+def sort_into_bins(poses: F64, submaps: I32, states: I32, bin_m: float, bin_rad: float, out: I32) -> None:
     """Write for each particle the first particle that is in the same bin of place, yaw, sub-map and state.
 
     Parameters
@@ -133,14 +131,13 @@ def sort_into_bins(
     submaps, states : (n,) int32
     bin_m, bin_rad : float
         Edges of a bin.
-    keys : (n, 5) int32
-        Scratch.
-    table : (power of two >= 2 n,) int32
-        Scratch.
     out : (n,) int32
     """
-    table[:] = -1
-    for k in range(poses.shape[0]):
+    n, size = poses.shape[0], 2
+    while size < 2 * n:
+        size *= 2
+    keys, table = np.empty((n, 5), dtype=np.int32), np.full(size, -1, dtype=np.int32)
+    for k in range(n):
         keys[k, 0] = np.int32(math.floor(poses[k, 0] / bin_m))
         keys[k, 1] = np.int32(math.floor(poses[k, 1] / bin_m))
         keys[k, 2] = np.int32(math.floor(poses[k, 2] / bin_rad))
@@ -173,10 +170,9 @@ def draw_low_variance(weights: F64, count: int, offset: float, out: I64) -> None
 
 
 @kernel
-def count_bins(bins: I32, drawn: I64, seen: I32) -> int:
-    """How many different bins the drawn particles lie in; *seen* (n,) is scratch."""
-    seen[:] = 0
-    count = 0
+def count_bins(bins: I32, drawn: I64) -> int:
+    """How many different bins the drawn particles lie in."""
+    seen, count = np.zeros(bins.size, dtype=np.int32), 0
     for k in range(drawn.size):
         of = bins[drawn[k]]
         count += 1 - seen[of]
@@ -185,8 +181,64 @@ def count_bins(bins: I32, drawn: I64, seen: I32) -> int:
 
 
 @kernel
+def kld_count(bins: int, error: float, quantile: float) -> int:
+    """Samples needed so that the error stays below *error* with the *quantile* (Fox 2003, Eq. 7)."""
+    if bins < 2:
+        return 1
+    a = 2.0 / (9.0 * (bins - 1))
+    return int(math.ceil((bins - 1) / (2.0 * error) * (1.0 - a + math.sqrt(a) * quantile) ** 3))
+
+
+@kernel
+def draw_particles(
+    poses: F64,
+    weights: F64,
+    submaps: I32,
+    states: I32,
+    offsets: F64,
+    bins: F64,
+    kld: F64,
+    least: int,
+    out_poses: F64,
+    out_submaps: I32,
+    out_states: I32,
+) -> int:
+    """Write particles drawn by weight, as many as a first draw of n occupies bins for; return how many.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    weights : (n,) float64
+    submaps, states : (n,) int32
+    offsets : (2,) float64
+        Of the combs of the first and the final draw, in [0, 1).
+    bins : (2,) float64
+        Edges of a bin in metres and radians.
+    kld : (2,) float64
+        Error and quantile for `kld_count`.
+    least : int
+        Particles at least.
+    out_poses, out_submaps, out_states : (most, 3) float64 and (most,) int32
+    """
+    n, most = weights.size, out_states.size
+    wanted = most
+    if least < most:
+        own, first = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int64)
+        sort_into_bins(poses, submaps, states, bins[0], bins[1], own)
+        draw_low_variance(weights, n, offsets[0], first)
+        wanted = min(max(kld_count(count_bins(own, first), kld[0], kld[1]), least), most)
+    drawn = np.empty(wanted, dtype=np.int64)
+    draw_low_variance(weights, wanted, offsets[1], drawn)
+    for k in range(wanted):
+        of = drawn[k]
+        out_poses[k, 0], out_poses[k, 1], out_poses[k, 2] = poses[of, 0], poses[of, 1], poses[of, 2]
+        out_submaps[k], out_states[k] = submaps[of], states[of]
+    return wanted
+
+
+@kernel
 def heaviest_cluster(
-    poses: F64, weights: F64, bins: I32, bin_weights: F64, near_m: float, near_rad: float, out: F64
+    poses: F64, weights: F64, bin_m: float, bin_rad: float, near_m: float, near_rad: float, out: F64
 ) -> None:
     """Write the weighted mean pose around the heaviest bin, the weight near it, and the spread of all.
 
@@ -197,15 +249,16 @@ def heaviest_cluster(
     poses : (n, 3) float64
     weights : (n,) float64
         Sum 1.
-    bins : (n,) int32
-        From `sort_into_bins`.
-    bin_weights : (n,) float64
-        Scratch.
+    bin_m, bin_rad : float
+        Edges of a bin.
     near_m, near_rad : float
+        How far from the mean a member may be.
     out : (5,) float64
         x, y in metres, yaw in radians; weight of the last members; standard deviation in metres.
     """
-    bin_weights[:] = 0.0
+    n = weights.size
+    nowhere, bins, bin_weights = np.zeros(n, dtype=np.int32), np.empty(n, dtype=np.int32), np.zeros(n)
+    sort_into_bins(poses, nowhere, nowhere, bin_m, bin_rad, bins)
     for k in range(weights.size):
         bin_weights[bins[k]] += weights[k]
     heaviest = 0

@@ -116,7 +116,6 @@ def scan_beam_log_likelihoods(
     hits = np.isfinite(sweep.ranges_m)
     lengths = np.where(hits, sweep.ranges_m, sweep.reach_m) / frame.resolution_m
     directions = np.stack([np.cos(sweep.directions_rad), np.sin(sweep.directions_rad)])
-    cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
     floor = settings.z_rand / settings.laser_max_range
     model = np.array([settings.z_hit, floor, settings.static_prior, np.log(1.0 - UNKNOWN_REFLECTANCE)])
     out = np.empty(poses.shape[0])
@@ -124,7 +123,7 @@ def scan_beam_log_likelihoods(
     def weigh(part: slice) -> None:
         chosen = NO_WINDOW if windows is None else windows[part]
         beam_log_likelihoods(
-            log_pass, frame.rows, frame.cols, cell, poses[part], sweep.sensor, directions, lengths, hits,
+            log_pass, frame.rows, frame.cols, frame.corner, poses[part], sweep.sensor, directions, lengths, hits,
             chosen, model, out[part],
         )  # fmt: skip
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.kernels.likelihood import first_crossings
+from dynmap_cli.kernels.likelihood import explain_by_states, explain_ends, first_crossings
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.particle_filter import Estimate
 from dynmap_cli.localization.places import OPENING_CELLS, NovelPlaces, Place, main_place
@@ -174,15 +174,11 @@ def _count_places(crossings_m: F64) -> int:
 
 def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tuple[B1, B1]:
     """Which ends lie near something in the likeliest states, and which only in other states."""
-    cells = np.minimum(np.maximum(pool.frame.to_cells(ends_m), 0), np.array(pool.frame.shape) - 1)
-    now = pool.explained[cells[:, 0], cells[:, 1]]
-    other = np.zeros(now.shape, dtype=np.bool_)
+    now, other = np.empty(len(ends_m), dtype=np.bool_), np.zeros(len(ends_m), dtype=np.bool_)
+    explain_ends(ends_m, pool.frame.corner, pool.explained, now)
     for number, state in likeliest.items():
         submap = pool.submaps[number]
-        own, inside = submap.cells_of(ends_m)
-        by_state = submap.explained[:, own[inside, 0], own[inside, 1]]
-        now[inside] = by_state[state]
-        other[inside] = by_state.any(axis=0) & ~by_state[state]
+        explain_by_states(ends_m, submap.frame.corner, submap.owned, submap.explained, state, now, other)
     return now, other
 
 

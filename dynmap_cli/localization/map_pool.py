@@ -83,10 +83,9 @@ class SubMapStates:
 
     def cells_of(self, points_m: F64) -> tuple[I64, B1]:
         """Cell of the rectangle of each point (n, 2), clipped to it, and which points lie in an own cell."""
-        n, frame = points_m.shape[0], self.frame
+        n = points_m.shape[0]
         cells, inside = np.empty((n, 2), dtype=np.int64), np.empty(n, dtype=np.bool_)
-        cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
-        own_cells(points_m, cell, self.owned, cells, inside)
+        own_cells(points_m, self.frame.corner, self.owned, cells, inside)
         return cells, inside
 
     def windows(self) -> I32:

@@ -7,15 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64, I32, I64
+from dynmap_cli.arrays import B1, F64, I32
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.kernels.particles import (
-    count_bins,
-    draw_low_variance,
-    heaviest_cluster,
-    multiply_weights,
-    sort_into_bins,
-)
+from dynmap_cli.kernels.particles import draw_particles, heaviest_cluster, multiply_weights
 from dynmap_cli.localization.settings import LocalizationSettings
 
 BIN_M, BIN_RAD = 0.5, math.radians(10.0)
@@ -97,49 +91,32 @@ def resample(particles: Particles, settings: LocalizationSettings, random: np.ra
 
     Fox (2003): the number depends on how many bins of 0.5 m, 10 degrees and state the samples occupy.
     """
-    drawn = low_variance_draw(particles.weights, particles.count, random.random())
-    bins = bins_of(particles.poses, particles.submaps, particles.states)
-    n_bins = count_bins(bins, drawn, np.empty(particles.count, dtype=np.int32))
-    wanted = min(max(kld_count(n_bins, settings), settings.min_particles), settings.max_particles)
-    drawn = low_variance_draw(particles.weights, wanted, random.random())
-    return Particles(
-        particles.poses.take(drawn, axis=0),
-        np.full(wanted, 1.0 / wanted),
-        particles.submaps.take(drawn),
-        particles.states.take(drawn),
+    most = settings.max_particles
+    poses, submaps, states = (
+        np.empty((most, 3)),
+        np.empty(most, dtype=np.int32),
+        np.empty(most, dtype=np.int32),
     )
-
-
-def low_variance_draw(weights: F64, count: int, offset: float) -> I64:
-    """Indices of *count* draws: one comb with equal gaps, shifted by *offset* in [0, 1)."""
-    drawn = np.empty(count, dtype=np.int64)
-    draw_low_variance(weights, count, offset, drawn)
-    return drawn
-
-
-def bins_of(poses: F64, submaps: I32, states: I32) -> I32:
-    """(n,) for each particle the first one that lies in the same bin of place, yaw, sub-map and state."""
-    n = poses.shape[0]
-    keys, table = np.empty((n, 5), dtype=np.int32), np.empty(2 << n.bit_length(), dtype=np.int32)
-    bins = np.empty(n, dtype=np.int32)
-    sort_into_bins(poses, submaps, states, BIN_M, BIN_RAD, keys, table, bins)
-    return bins
-
-
-def kld_count(bins: int, settings: LocalizationSettings) -> int:
-    """Samples needed so that the error stays below `pf_err` with the quantile `pf_z` (Fox 2003, Eq. 7)."""
-    if bins < 2:
-        return settings.min_particles
-    a = 2.0 / (9.0 * (bins - 1))
-    return math.ceil((bins - 1) / (2.0 * settings.pf_err) * (1.0 - a + math.sqrt(a) * settings.pf_z) ** 3)
+    count = draw_particles(
+        particles.poses,
+        particles.weights,
+        particles.submaps,
+        particles.states,
+        random.random(2),
+        np.array([BIN_M, BIN_RAD]),
+        np.array([settings.pf_err, settings.pf_z]),
+        settings.min_particles,
+        poses,
+        submaps,
+        states,
+    )
+    return Particles(poses[:count], np.full(count, 1.0 / count), submaps[:count], states[:count])
 
 
 def estimate_pose(particles: Particles) -> Estimate:
     """Weighted mean of the particles around the heaviest place."""
-    n, found = particles.count, np.empty(5)
-    nowhere = np.zeros(n, dtype=np.int32)
-    bins = bins_of(particles.poses, nowhere, nowhere)
-    heaviest_cluster(particles.poses, particles.weights, bins, np.empty(n), CLUSTER_M, CLUSTER_RAD, found)
+    found = np.empty(5)
+    heaviest_cluster(particles.poses, particles.weights, BIN_M, BIN_RAD, CLUSTER_M, CLUSTER_RAD, found)
     return Estimate(pose=found[:3], share=float(found[3]), spread_m=float(found[4]))
 
 

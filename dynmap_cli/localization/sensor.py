@@ -12,7 +12,7 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.likelihood import field_log_likelihoods
+from dynmap_cli.kernels.likelihood import field_log_likelihoods, place_beams
 from dynmap_cli.localization.settings import LocalizationSettings
 
 POSES_PER_CHUNK = 50_000
@@ -49,11 +49,8 @@ class Sweep:
     def ends_m(self, beams: B1 | I64) -> F64:
         """(m, 2) end points of some beams, which must have hit something, in the robot frame."""
         angles = self.directions_rad[beams]
-        ends = np.empty((angles.size, 2))
-        np.cos(angles, out=ends[:, 0])
-        np.sin(angles, out=ends[:, 1])
-        ends *= self.ranges_m[beams, None]
-        ends += self.sensor
+        ends, scratch = np.empty((angles.size, 2)), np.empty(angles.size)
+        place_beams(angles, self.ranges_m[beams], np.array([*self.sensor, 0.0]), scratch, ends)
         return ends
 
 
@@ -133,14 +130,15 @@ def scan_log_likelihoods(
     (n_poses,) float64
     """
     n_poses = poses.shape[0]
-    cell = np.array([frame.origin_x_m, frame.origin_y_m, frame.resolution_m])
     ends = np.ascontiguousarray((ends_m / frame.resolution_m).T, dtype=np.float32)
     out = np.empty(n_poses)
 
     def weigh(part: slice) -> None:
         chosen = NO_WINDOW if windows is None else windows[part]
         index = np.empty(ends.shape[1], dtype=np.int32)
-        field_log_likelihoods(pool, frame.rows, frame.cols, cell, poses[part], ends, chosen, index, out[part])
+        field_log_likelihoods(
+            pool, frame.rows, frame.cols, frame.corner, poses[part], ends, chosen, index, out[part]
+        )
 
     in_chunks(weigh, n_poses, executor)
     return out

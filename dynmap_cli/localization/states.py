@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.kernels.likelihood import first_crossings
+from dynmap_cli.kernels.likelihood import first_crossings, place_beams
 from dynmap_cli.localization.map_pool import MapPool, SubMapStates
 from dynmap_cli.localization.sensor import Sweep, best_log_likelihood, least_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -75,12 +75,8 @@ def place_sweep(sweep: Sweep, pose: F64) -> PlacedSweep:
     hits = np.isfinite(sweep.ranges_m)
     lengths = np.where(hits, sweep.ranges_m, sweep.reach_m)
     sensor = transform_point(pose, sweep.sensor)
-    directions = sweep.directions_rad + pose[2]
-    ends = np.empty((lengths.size, 2))
-    np.cos(directions, out=ends[:, 0])
-    np.sin(directions, out=ends[:, 1])
-    ends *= lengths[:, None]
-    ends += sensor
+    directions, ends = np.empty(lengths.size), np.empty((lengths.size, 2))
+    place_beams(sweep.directions_rad, lengths, np.array([*sensor, pose[2]]), directions, ends)
     return PlacedSweep(sensor, directions, lengths, ends, hits)
 
 

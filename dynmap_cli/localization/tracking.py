@@ -114,6 +114,7 @@ class _Tracker:
         self._windows = _window_table(pool)
         self._novelties, self._verdict, self._patience = Novelties(pool), Verdict(), Patience()
         self._velocity, self._has_odometry = np.zeros(3), log.has_odometry
+        self._predicts = not bool(self._has_odometry.all())
         self._sweep: tuple[int, Sweep] | None = None
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
@@ -178,7 +179,7 @@ class _Tracker:
             if settings.states == "sampled" and in_view:
                 estimate = estimate_pose(particles)
                 placed = place_sweep(sweep, estimate.pose)
-        if scan != updated:
+        if scan != updated and self._predicts:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )

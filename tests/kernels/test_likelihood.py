@@ -7,7 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.grid import GridFrame
-from dynmap_cli.kernels.likelihood import field_log_likelihoods, first_crossings, own_cells
+from dynmap_cli.domain.poses import transform_points
+from dynmap_cli.kernels.likelihood import (
+    explain_by_states,
+    explain_ends,
+    field_log_likelihoods,
+    first_crossings,
+    own_cells,
+    place_beams,
+)
 from tests.reference.localization import plain_field_log_likelihood, plain_first_crossing
 
 
@@ -58,6 +66,26 @@ def test_own_cells_are_those_of_the_frame(seed):
 
 
 @given(st.integers(0, 10_000))
+def test_explained_ends_are_their_plain_twin(seed):
+    random = np.random.default_rng(seed)
+    shape, cell = (7, 9), np.array([1.0, -2.0, 0.05])
+    static, owned = random.random((2, *shape)) < 0.5
+    states, state = random.random((3, *shape)) < 0.3, int(random.integers(3))
+    ends = random.uniform((0.8, -2.2), (1.8, -1.4), (40, 2))
+    now, other = np.empty(40, bool), np.zeros(40, bool)
+    explain_ends(ends, cell, static, now)
+    explain_by_states(ends, cell, owned, states, state, now, other)
+    for k, (x, y) in enumerate(ends):
+        row, col = math.floor((y + 2.0) / 0.05), math.floor((x - 1.0) / 0.05)
+        if 0 <= row < 7 and 0 <= col < 9 and owned[row, col]:
+            assert now[k] == states[state, row, col]
+            assert other[k] == (any(states[:, row, col]) and not states[state, row, col])
+        else:
+            assert now[k] == static[min(max(row, 0), 6), min(max(col, 0), 8)]
+            assert not other[k]
+
+
+@given(st.integers(0, 10_000))
 @settings(max_examples=8)
 def test_first_crossings_is_its_plain_twin(seed):
     random = np.random.default_rng(seed)
@@ -90,3 +118,12 @@ def test_a_beam_that_slides_along_a_wall_crosses_nothing():
     first_crossings(surfaces, 2.0, 9.0, np.array([0.1, math.pi / 2]), np.full(2, 17.0), 0.34, out)
     assert math.isinf(out[0, 1])
     assert math.isclose(out[1, 1], 1.0)
+
+
+@given(st.floats(-10, 10), st.floats(-10, 10), st.floats(-4, 4), st.floats(-4, 4), st.floats(0, 30))
+def test_a_placed_beam_ends_where_its_pose_sees_it(x, y, yaw, direction, length):
+    directions, ends = np.empty(1), np.empty((1, 2))
+    place_beams(np.array([direction]), np.array([length]), np.array([x, y, yaw]), directions, ends)
+    seen = np.array([length * math.cos(direction), length * math.sin(direction)])
+    np.testing.assert_allclose(ends[0], transform_points(np.array([x, y, yaw]), seen), atol=1e-9)
+    assert directions[0] == direction + yaw

@@ -131,21 +131,21 @@ def plain_bins(poses, submaps, states, bin_m, bin_rad):
 
 
 def plain_cluster(poses, weights, bins, near_m, near_rad):
-    """Mean pose around the heaviest bin, weight near it, spread of all; the mean yaw on the circle."""
+    """Mean pose around the heaviest bin, weight near it, spread of all; yaw along the shorter arc from the last one."""
     heaviest = max(set(bins), key=lambda b: sum(w for w, o in zip(weights, bins, strict=True) if o == b))
 
-    def mean_of(members):
+    def mean_of(members, yaw):
         inside = [(w, p) for w, p, m in zip(weights, poses, members, strict=True) if m]
         share = sum(w for w, _ in inside)
         x, y = (sum(w * p[axis] for w, p in inside) / share for axis in (0, 1))
-        east, north = (sum(w * of(p[2]) for w, p in inside) for of in (math.cos, math.sin))
-        return x, y, math.atan2(north, east), share
+        turn = sum(w * math.remainder(p[2] - yaw, 2 * math.pi) for w, p in inside) / share
+        return x, y, yaw + turn, share
 
-    x, y, yaw, share = mean_of([b == heaviest for b in bins])
+    x, y, yaw, share = mean_of([b == heaviest for b in bins], poses[heaviest][2])
     for _ in range(3):
         place = [math.hypot(p[0] - x, p[1] - y) <= near_m for p in poses]
         turned = [abs(math.remainder(p[2] - yaw, 2 * math.pi)) <= near_rad for p in poses]
-        x, y, yaw, share = mean_of([a and b for a, b in zip(place, turned, strict=True)])
+        x, y, yaw, share = mean_of([a and b for a, b in zip(place, turned, strict=True)], yaw)
     spread = sum(w * ((p[0] - x) ** 2 + (p[1] - y) ** 2) for w, p in zip(weights, poses, strict=True))
     return x, y, yaw, share, math.sqrt(spread)
 
@@ -161,6 +161,21 @@ def plain_low_variance(weights, count, offset):
             c += weights[i]
         chosen.append(i)
     return chosen
+
+
+def plain_kld_count(bins, error, quantile):
+    """Fox (2003), Eq. 7, by the approximation of Wilson and Hilferty."""
+    if bins < 2:
+        return 1
+    k = bins - 1
+    return math.ceil(k / (2 * error) * (1 - 2 / (9 * k) + math.sqrt(2 / (9 * k)) * quantile) ** 3)
+
+
+def plain_resample(weights, bins, offsets, kld, least, most):
+    """Indices of the particles drawn: a first draw tells how many bins are occupied, a second one is kept."""
+    occupied = {bins[k] for k in plain_low_variance(weights, len(weights), offsets[0])}
+    wanted = min(max(plain_kld_count(len(occupied), *kld), least), most)
+    return plain_low_variance(weights, wanted, offsets[1])
 
 
 def exact_state_posterior(prior, stays, log_likelihoods):
