@@ -320,7 +320,9 @@ def _count_mapped(
 ) -> int:
     """In how many scans what was there is what some patch means."""
     known = set(meanings.values())
-    return sum(scan >= 0 and actual[scan] in known for scan in nearest_stamp(stamps_ns, own.stamps_ns).tolist())
+    return sum(
+        scan >= 0 and actual[scan] in known for scan in nearest_stamp(stamps_ns, own.stamps_ns).tolist()
+    )
 
 
 def _change_stamps(actual: Sequence[Configuration], stamps_ns: I64) -> I64:

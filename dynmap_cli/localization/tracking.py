@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import Trajectory, between, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
@@ -17,24 +17,33 @@ from dynmap_cli.localization.global_start import given_start, global_start, is_u
 from dynmap_cli.localization.health import NovelPlaces, Patience, Verdict, scan_health
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import Motion, predicted_step, sample_motion, updated_velocity
-from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
+from dynmap_cli.localization.particle_filter import (
+    ONE_MODE_SHARE,
+    Estimate,
+    Particles,
+    estimate_pose,
+    resample,
+    reweigh,
+)
+from dynmap_cli.localization.particle_states import carry_states
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import (
     LEAST_BEAMS,
-    PlacedSweep,
     StateEvidence,
     entropy_bits,
     place_sweep,
     state_evidence,
     update_belief,
 )
-from dynmap_cli.localization.transitions import nearest_submaps, sample_states
 from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
 
 WIDEST_SPREAD_M = 0.5
 """States are learned only while the particles agree this well on a place."""
+SETTLED_SHARE = 0.99
+"""Weight in one place from which on its states are those that all particles believe in; until then, and again when
+less than `ONE_MODE_SHARE` is in one place, each particle has its own, so that a wrong place spoils nothing."""
 
 
 def localize_log(
@@ -96,13 +105,14 @@ class _Tracker:
     ) -> None:
         self._log, self._pool, self._settings = log, pool, settings
         self._random, self._executor, self._world, self._result = random, executor, world, result
-        self._windows = _window_table(pool)
         self._novel, self._verdict, self._patience = NovelPlaces(pool.frame), Verdict(), Patience()
         self._velocity = np.zeros(3)
+        self._carries_states = True
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
         poses = self._result.trajectory.poses
+        self._choose_states(estimate_pose(particles), SETTLED_SHARE)
         updated = first
         for scan in range(first, int(scans[-1]) + 1):
             motion = self._motion(updated, scan)
@@ -145,21 +155,18 @@ class _Tracker:
         before = particles.poses
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
-        if settings.states == "sampled":
-            particles = self._draw_states(particles, seconds)
-        particles = self._weigh(particles, ends, stamp)
-        estimate = estimate_pose(particles)
-        placed = place_sweep(sweep, estimate.pose)
-        in_view: list[StateRow] = []
-        if estimate.is_one_mode and estimate.spread_m <= WIDEST_SPREAD_M:
-            particles, in_view = self._learn_states(particles, placed, stamp)
-            if settings.states == "sampled" and in_view:
-                estimate = estimate_pose(particles)
+        if self._carries_states:
+            particles, estimate, in_view = self._weigh_with_states(particles, sweep, ends, seconds, stamp)
+        else:
+            particles = self._weigh(particles, ends, stamp)
+            estimate = estimate_pose(particles)
+            in_view = self._learn_states(estimate, sweep, stamp)
         if scan != updated:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, sweep, ends, particles, estimate, in_view)
+        self._choose_states(estimate, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
         if self._patience.is_over(self._result.health[-1].verdict):
             self._verdict = Verdict()
             self._result.searches.append(stamp)
@@ -172,47 +179,71 @@ class _Tracker:
             particles = resample(particles, settings, self._random)
         return particles
 
-    def _draw_states(self, particles: Particles, seconds: float) -> Particles:
-        """Let every particle keep or change the state of its sub-map."""
-        submaps = nearest_submaps(particles.poses[:, :2], self._pool.submaps, self._settings.near_m)
-        states = sample_states(
-            particles.submaps, particles.states, submaps, self._pool.submaps, seconds, self._random
-        )
-        return replace(particles, submaps=submaps, states=states)
+    def _choose_states(self, estimate: Estimate, least_share: float) -> None:
+        """Let each particle have states of its own while they do not agree on a place."""
+        self._carries_states = self._settings.states == "sampled" or not _is_settled(estimate, least_share)
 
     def _weigh(self, particles: Particles, ends: F64, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
-        windows = None
-        if self._settings.states == "sampled":
-            windows = self._windows[particles.submaps, particles.states]
-        else:
-            reach = self._settings.laser_max_range
-            middle = particles.weights @ particles.poses[:, :2]
-            self._world.show(self._world.near(middle, reach), stamp)
+        middle = particles.weights @ particles.poses[:, :2]
+        self._world.show(self._world.near(middle, self._settings.laser_max_range), stamp)
         log_likelihoods = scan_log_likelihoods(
-            self._pool.pool, self._pool.frame, particles.poses, ends, windows, self._executor
+            self._pool.pool, self._pool.frame, particles.poses, ends, None, self._executor
         )
         return reweigh(particles, temper(ends.shape[0], self._settings) * log_likelihoods)
 
-    def _learn_states(
-        self, particles: Particles, placed: PlacedSweep, stamp: int
-    ) -> tuple[Particles, list[StateRow]]:
+    def _learn_states(self, estimate: Estimate, sweep: Sweep, stamp: int) -> list[StateRow]:
         """Weigh the states of all sub-maps in view by the scan at the best pose."""
-        exponent = temper(placed.lengths_m.size, self._settings)
-        rows = []
+        if not _is_settled(estimate, ONE_MODE_SHARE):
+            return []
+        exponent, rows = temper(sweep.ranges_m.size, self._settings), []
+        for number, evidence in self._evidence(estimate, sweep):
+            belief = update_belief(self._world.belief(number, stamp), exponent * evidence.log_likelihoods)
+            self._world.learn(number, stamp, belief)
+            rows.append(StateRow(stamp, number, belief))
+        return rows
+
+    def _weigh_with_states(
+        self, particles: Particles, sweep: Sweep, ends: F64, seconds: float, stamp: int
+    ) -> tuple[Particles, Estimate, list[StateRow]]:
+        """Weigh every particle by the scan, each with a state of its own.
+
+        What the particles say of the states is what is believed once they agree on a place.
+        """
+        settings, world = self._settings, self._world
+        is_sampled = settings.states == "sampled"
+        carried = carry_states(
+            particles,
+            ends,
+            self._pool,
+            seconds=seconds,
+            within_m=settings.near_m,
+            entering=world.alike if is_sampled else lambda number: world.belief(number, stamp),
+            exponent=temper(ends.shape[0], settings),
+            executor=self._executor,
+        )
+        estimate, rows = estimate_pose(carried.weighed()), []
+        if _is_settled(estimate, ONE_MODE_SHARE):
+            exponent = temper(sweep.ranges_m.size, settings)
+            for number, evidence in self._evidence(estimate, sweep):
+                more = carried.with_evidence(number, exponent * evidence.through)
+                belief = more.belief(number, evidence.through.size)
+                if belief is not None:
+                    carried = more
+                    rows.append(StateRow(stamp, number, belief))
+            estimate = estimate_pose(carried.weighed())
+        if is_sampled or _is_settled(estimate, SETTLED_SHARE):
+            for row in rows:
+                world.learn(row.submap, stamp, row.belief)
+        return carried.drawn(self._random), estimate, rows
+
+    def _evidence(self, estimate: Estimate, sweep: Sweep) -> Iterator[tuple[int, StateEvidence]]:
+        """What the scan says at the best pose about each sub-map in view."""
+        placed = place_sweep(sweep, estimate.pose)
         for number in self._world.near(placed.sensor_m, self._settings.view_m):
             evidence = state_evidence(placed, self._pool, self._pool.submaps[number], self._settings)
-            if evidence.n_beams < LEAST_BEAMS:
-                continue
-            if self._settings.states == "sampled":
-                particles, belief = _weigh_states(particles, number, evidence, exponent)
-            else:
-                prior = self._world.belief(number, stamp)
-                belief = update_belief(prior, exponent * evidence.log_likelihoods)
-            if belief is not None:
-                self._world.learn(number, stamp, belief)
-                rows.append(StateRow(stamp, number, belief))
-        return particles, rows
+            if evidence.n_beams >= LEAST_BEAMS:
+                yield number, evidence
 
     def _remember(
         self,
@@ -248,31 +279,9 @@ class _Tracker:
             result.clouds.append((stamp, particles))
 
 
-def _weigh_states(
-    particles: Particles, number: int, evidence: StateEvidence, exponent: float
-) -> tuple[Particles, F64 | None]:
-    """Weigh particles in one sub-map by the beams that went through what their state has solid.
-
-    The ends have weighed them already. Returns the particles and the share of each state, or None where
-    less than half of the weight is in the sub-map.
-    """
-    here = particles.submaps == number
-    if float(particles.weights[here].sum()) < 0.5:
-        return particles, None
-    gains = np.zeros(particles.count)
-    gains[here] = exponent * evidence.through[particles.states[here]]
-    weighed = reweigh(particles, gains)
-    shares = np.bincount(weighed.states[here], weights=weighed.weights[here], minlength=evidence.through.size)
-    return weighed, np.asarray(shares / shares.sum())
-
-
-def _window_table(pool: MapPool) -> I32:
-    """(n_submaps + 1, most states + 1, 5): the window of each state; index -1 = none."""
-    most = max((submap.n_states for submap in pool.submaps), default=0)
-    table = np.zeros((len(pool.submaps) + 1, most + 1, 5), dtype=np.int32)
-    for number, submap in enumerate(pool.submaps):
-        table[number, : submap.n_states] = submap.windows()
-    return table
+def _is_settled(estimate: Estimate, least_share: float) -> bool:
+    """Whether the particles agree on a place well enough to learn from it what the world looks like."""
+    return estimate.share >= least_share and estimate.spread_m <= WIDEST_SPREAD_M
 
 
 def _drives(log: ScanLog) -> Iterator[I64]:
