@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import Trajectory, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
@@ -30,7 +30,15 @@ from dynmap_cli.localization.motion import (
     step_between,
     updated_velocity,
 )
-from dynmap_cli.localization.particle_filter import Estimate, Particles, estimate_pose, resample, reweigh
+from dynmap_cli.localization.particle_filter import (
+    ONE_MODE_SHARE,
+    Estimate,
+    Particles,
+    estimate_pose,
+    resample,
+    reweigh,
+)
+from dynmap_cli.localization.particle_states import carry_states
 from dynmap_cli.localization.pose_rows import pose_row
 from dynmap_cli.localization.sensor import Sweep, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -43,13 +51,15 @@ from dynmap_cli.localization.states import (
     state_evidence,
     update_belief,
 )
-from dynmap_cli.localization.transitions import nearest_submaps, sample_states
 from dynmap_cli.localization.weighing import Weighing, weighing_of
 from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
 
 WIDEST_SPREAD_M = 0.5
 """States are learned only while the particles agree this well on a place."""
+SETTLED_SHARE = 0.99
+"""Weight in one place from which on its states are those that all particles believe in; until then, and again when
+less than `ONE_MODE_SHARE` is in one place, each particle has its own, so that a wrong place spoils nothing."""
 
 
 def localize_log(
@@ -111,15 +121,16 @@ class _Tracker:
     ) -> None:
         self._log, self._pool, self._settings = log, pool, settings
         self._random, self._executor, self._world, self._result = random, executor, world, result
-        self._windows = _window_table(pool)
         self._novelties, self._verdict, self._patience = Novelties(pool), Verdict(), Patience()
         self._velocity, self._has_odometry = np.zeros(3), log.has_odometry
         self._predicts = not bool(self._has_odometry.all())
         self._sweep: tuple[int, Sweep] | None = None
+        self._carries_states = True
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
         poses = self._result.trajectory.poses
+        self._choose_states(estimate_pose(particles), SETTLED_SHARE)
         updated = first
         for scan in range(first, int(scans[-1]) + 1):
             motion = self._motion(updated, scan)
@@ -168,22 +179,20 @@ class _Tracker:
         before = particles.poses
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
-        if settings.states == "sampled":
-            particles = self._draw_states(particles, seconds)
-        particles = self._weigh(particles, weighing, stamp)
-        estimate = estimate_pose(particles)
-        placed = place_sweep(sweep, estimate.pose)
-        in_view: list[StateRow] = []
-        if estimate.is_one_mode and estimate.spread_m <= WIDEST_SPREAD_M:
-            particles, in_view = self._learn_states(particles, placed, weighing, stamp)
-            if settings.states == "sampled" and in_view:
-                estimate = estimate_pose(particles)
-                placed = place_sweep(sweep, estimate.pose)
+        if self._carries_states:
+            particles, estimate, in_view = self._weigh_with_states(particles, sweep, weighing, seconds, stamp)
+            placed = place_sweep(sweep, estimate.pose)
+        else:
+            particles = self._weigh(particles, weighing, stamp)
+            estimate = estimate_pose(particles)
+            placed = place_sweep(sweep, estimate.pose)
+            in_view = self._learn_states(estimate, placed, stamp)
         if scan != updated and self._predicts:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
+        self._choose_states(estimate, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
         if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
             found = self._search(scan, particles)
             if found is not None:
@@ -202,49 +211,70 @@ class _Tracker:
         if found is not None:
             result.health[-1] = replace(result.health[-1], verdict="lost")
             self._verdict = Verdict()
+            self._choose_states(estimate_pose(found), SETTLED_SHARE)
         return found
 
-    def _draw_states(self, particles: Particles, seconds: float) -> Particles:
-        """Let every particle keep or change the state of its sub-map."""
-        submaps = nearest_submaps(particles.poses[:, :2], self._pool.submaps, self._settings.near_m)
-        states = sample_states(
-            particles.submaps, particles.states, submaps, self._pool.submaps, seconds, self._random
-        )
-        return replace(particles, submaps=submaps, states=states)
+    def _choose_states(self, estimate: Estimate, least_share: float) -> None:
+        """Let each particle have states of its own while they do not agree on a place."""
+        self._carries_states = self._settings.states == "sampled" or not _is_settled(estimate, least_share)
 
     def _weigh(self, particles: Particles, weighing: Weighing, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
-        windows = None
-        if self._settings.states == "sampled":
-            windows = self._windows[particles.submaps, particles.states]
-        else:
-            reach = self._settings.laser_max_range
-            middle = particles.weights @ particles.poses[:, :2]
-            self._world.show(self._world.near(middle, reach), stamp)
-        log_likelihoods = weighing.log_likelihoods(particles.poses, windows, self._executor)
+        middle = particles.weights @ particles.poses[:, :2]
+        self._world.show(self._world.near(middle, self._settings.laser_max_range), stamp)
+        log_likelihoods = weighing.log_likelihoods(particles.poses, None, self._executor)
         return reweigh(particles, log_likelihoods, weighing.exponent)
 
-    def _learn_states(
-        self, particles: Particles, placed: PlacedSweep, weighing: Weighing, stamp: int
-    ) -> tuple[Particles, list[StateRow]]:
+    def _learn_states(self, estimate: Estimate, placed: PlacedSweep, stamp: int) -> list[StateRow]:
         """Weigh the states of all sub-maps in view by the scan at the best pose."""
-        exponent = temper(placed.lengths_m.size, self._settings)
-        rows = []
+        if not _is_settled(estimate, ONE_MODE_SHARE):
+            return []
+        exponent, rows = temper(placed.lengths_m.size, self._settings), []
+        for number, evidence in self._evidence(placed):
+            belief = update_belief(self._world.belief(number, stamp), exponent * evidence.log_likelihoods)
+            self._world.learn(number, stamp, belief)
+            rows.append(StateRow(stamp, number, belief))
+        return rows
+
+    def _weigh_with_states(
+        self, particles: Particles, sweep: Sweep, weighing: Weighing, seconds: float, stamp: int
+    ) -> tuple[Particles, Estimate, list[StateRow]]:
+        """Weigh every particle by the scan, each with a state of its own.
+
+        What the particles say of the states is what is believed once they agree on a place.
+        """
+        settings, world = self._settings, self._world
+        is_sampled = settings.states == "sampled"
+        carried = carry_states(
+            particles,
+            weighing,
+            seconds=seconds,
+            within_m=settings.near_m,
+            entering=world.alike if is_sampled else lambda number: world.belief(number, stamp),
+            executor=self._executor,
+        )
+        estimate, rows = estimate_pose(carried.weighed()), []
+        if _is_settled(estimate, ONE_MODE_SHARE):
+            # The beam model knows already what beams went through.
+            exponent = 0.0 if weighing.knows_passes else temper(sweep.ranges_m.size, settings)
+            for number, evidence in self._evidence(place_sweep(sweep, estimate.pose)):
+                more = carried.with_evidence(number, exponent * evidence.through)
+                belief = more.belief(number, evidence.through.size)
+                if belief is not None:
+                    carried = more
+                    rows.append(StateRow(stamp, number, belief))
+            estimate = estimate_pose(carried.weighed())
+        if is_sampled or _is_settled(estimate, SETTLED_SHARE):
+            for row in rows:
+                world.learn(row.submap, stamp, row.belief)
+        return carried.drawn(self._random), estimate, rows
+
+    def _evidence(self, placed: PlacedSweep) -> Iterator[tuple[int, StateEvidence]]:
+        """What the scan says at the best pose about each sub-map in view."""
         for number in self._world.near(placed.sensor_m, self._settings.view_m):
             evidence = state_evidence(placed, self._pool, self._pool.submaps[number], self._settings)
-            if evidence.n_beams < LEAST_BEAMS:
-                continue
-            if self._settings.states == "sampled":
-                particles, belief = _weigh_states(
-                    particles, number, evidence, 0.0 if weighing.knows_passes else exponent
-                )
-            else:
-                prior = self._world.belief(number, stamp)
-                belief = update_belief(prior, exponent * evidence.log_likelihoods)
-            if belief is not None:
-                self._world.learn(number, stamp, belief)
-                rows.append(StateRow(stamp, number, belief))
-        return particles, rows
+            if evidence.n_beams >= LEAST_BEAMS:
+                yield number, evidence
 
     def _remember(
         self,
@@ -279,31 +309,9 @@ class _Tracker:
             result.clouds.append((stamp, particles))
 
 
-def _weigh_states(
-    particles: Particles, number: int, evidence: StateEvidence, exponent: float
-) -> tuple[Particles, F64 | None]:
-    """Weigh particles in one sub-map by the beams that went through what their state has solid.
-
-    The ends have weighed them already, and under the beam model so have the passes: exponent 0. Returns
-    the particles and the share of each state, or None where less than half of the weight is in the sub-map.
-    """
-    here = particles.submaps == number
-    if float(particles.weights[here].sum()) < 0.5:
-        return particles, None
-    gains = np.zeros(particles.count)
-    gains[here] = exponent * evidence.through[particles.states[here]]
-    weighed = reweigh(particles, gains)
-    shares = np.bincount(weighed.states[here], weights=weighed.weights[here], minlength=evidence.through.size)
-    return weighed, np.asarray(shares / shares.sum())
-
-
-def _window_table(pool: MapPool) -> I32:
-    """(n_submaps + 1, most states + 1, 5): the window of each state; index -1 = none."""
-    most = max((submap.n_states for submap in pool.submaps), default=0)
-    table = np.zeros((len(pool.submaps) + 1, most + 1, 5), dtype=np.int32)
-    for number, submap in enumerate(pool.submaps):
-        table[number, : submap.n_states] = submap.windows()
-    return table
+def _is_settled(estimate: Estimate, least_share: float) -> bool:
+    """Whether the particles agree on a place well enough to learn from it what the world looks like."""
+    return estimate.share >= least_share and estimate.spread_m <= WIDEST_SPREAD_M
 
 
 def _drives(log: ScanLog) -> Iterator[I64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -40,26 +41,26 @@ def same_probability(submap: SubMapStates, seconds: float) -> float:
 
 
 def predict_belief(belief: F64, same: float) -> F64:
-    """Belief over states (n,) after a time in which a state is kept with probability *same*."""
-    n_states = belief.size
+    """Belief over states (..., n) after a time in which a state is kept with probability *same*."""
+    n_states = belief.shape[-1]
     if n_states < 2:
         return belief
     other = (1.0 - same) / (n_states - 1)
     return np.asarray((same - other) * belief + other)
 
 
-def sample_states(
+def state_priors(
     was_in: I32,
     states: I32,
     now_in: I32,
     submaps: tuple[SubMapStates, ...],
     seconds: float,
-    random: np.random.Generator,
-) -> I32:
-    """State of the current sub-map of each particle (paper, 1.4).
+    entering: Callable[[int], F64],
+) -> F64:
+    """p(m_t | x_t, m_{t-1}) of the current sub-map of each particle (paper, 1.4).
 
-    A particle that stays in its sub-map keeps the state or draws another one; one that comes into a
-    sub-map draws uniformly.
+    A particle that stays in its sub-map keeps the state or changes to any other one alike; one that comes into
+    a sub-map has what is believed of it (the paper: all states alike).
 
     Parameters
     ----------
@@ -69,27 +70,25 @@ def sample_states(
         Index of each particle's state before, -1 = none.
     submaps : tuple of SubMapStates
     seconds : float
-    random : numpy Generator
+    entering : function of the index of a sub-map
+        Belief (n_states,) on coming into it.
 
     Returns
     -------
-    (n,) int32
-        -1 where a particle is in no sub-map.
+    (n, most states) float64
+        Rows sum to 1; a particle in no sub-map has one state, 0.
     """
-    draws = random.random((2, now_in.size))
-    result = np.full(now_in.size, -1, dtype=np.int32)
-    for number in np.unique(now_in[now_in >= 0]):
+    most = max((submap.n_states for submap in submaps), default=1)
+    priors = np.zeros((now_in.size, most))
+    priors[now_in < 0, 0] = 1.0
+    for number in np.unique(now_in[now_in >= 0]).tolist():
         submap = submaps[number]
-        here = now_in == number
-        uniform = np.minimum((draws[1] * submap.n_states).astype(np.int32), submap.n_states - 1)
-        result[here] = uniform[here]
+        n_states, here = submap.n_states, now_in == number
+        priors[here, :n_states] = entering(number)
         stays = here & (was_in == number)
-        result[stays] = states[stays]
-        changes = stays & (draws[0] >= same_probability(submap, seconds))
-        if submap.n_states > 1 and bool(changes.any()):
-            further = 1 + np.minimum((draws[1] * (submap.n_states - 1)).astype(np.int32), submap.n_states - 2)
-            result[changes] = (states[changes] + further[changes]) % submap.n_states
-    return result
+        kept = np.eye(n_states)[states[stays]]
+        priors[stays, :n_states] = predict_belief(kept, same_probability(submap, seconds))
+    return priors
 
 
 def nearest_submaps(points_m: F64, submaps: tuple[SubMapStates, ...], within_m: float) -> I32:

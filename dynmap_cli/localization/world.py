@@ -18,7 +18,7 @@ class World:
 
     def __init__(self, pool: MapPool) -> None:
         self._pool = pool
-        self._beliefs = [np.full(submap.n_states, 1.0 / submap.n_states) for submap in pool.submaps]
+        self._beliefs = [self.alike(number) for number in range(len(pool.submaps))]
         self._painted = list(self._beliefs)
         self._stamps_ns: list[int | None] = [None] * len(pool.submaps)
 
@@ -29,6 +29,11 @@ class World:
             return prior_at(self._pool.submaps[number].prior, stamp_ns)
         seconds = max(stamp_ns - last, 0) * 1e-9
         return predict_belief(self._beliefs[number], same_probability(self._pool.submaps[number], seconds))
+
+    def alike(self, number: int) -> F64:
+        """All states (n_states,) alike: what somebody believes who has never been here."""
+        n_states = self._pool.submaps[number].n_states
+        return np.full(n_states, 1.0 / n_states)
 
     def learn(self, number: int, stamp_ns: int, belief: F64) -> None:
         """Note the belief after looking."""

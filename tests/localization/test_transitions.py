@@ -13,8 +13,9 @@ from dynmap_cli.localization.transitions import (
     nearest_submaps,
     predict_belief,
     same_probability,
-    sample_states,
+    state_priors,
 )
+from tests.reference.localization import plain_state_prior
 
 
 def submap(n_states=2, stay=0.8, rectangle=(0.0, 0.0, 1.0, 1.0)):
@@ -50,17 +51,19 @@ def test_where_nothing_is_known_states_last_five_minutes():
     assert same_probability(submap(n_states=1), 1e9) == 1.0
 
 
-def test_particles_keep_change_and_draw_their_states_as_the_model_says():
-    n, areas = 60_000, (submap(3, 0.7), submap(4, 0.7))
-    was_in = np.zeros(n, dtype=np.int32)
-    states = np.full(n, 2, dtype=np.int32)
-    random = np.random.default_rng(0)
-    stayed = sample_states(was_in, states, was_in, areas, 60.0, random)
-    np.testing.assert_allclose(np.bincount(stayed) / n, [0.15, 0.15, 0.7], atol=0.01)
-    entered = sample_states(was_in, states, was_in + 1, areas, 60.0, random)
-    np.testing.assert_allclose(np.bincount(entered) / n, np.full(4, 0.25), atol=0.01)
-    left = sample_states(was_in, states, was_in - 1, areas, 60.0, random)
-    assert (left == -1).all()
+def test_particles_keep_change_and_bring_in_states_as_the_slow_twin_says():
+    random, areas = np.random.default_rng(0), (submap(3, 0.7), submap(4, 0.7))
+    was_in, now_in = random.integers(-1, 2, (2, 200)).astype(np.int32)
+    states = np.where(was_in < 0, -1, random.integers(0, 3, 200)).astype(np.int32)
+    beliefs = ([0.5, 0.3, 0.2], [0.1, 0.2, 0.3, 0.4])
+    found = state_priors(was_in, states, now_in, areas, 20.0, lambda number: np.array(beliefs[number]))
+    np.testing.assert_allclose(found.sum(axis=1), 1.0)
+    for k, row in enumerate(found):
+        area = areas[now_in[k]]
+        same = same_probability(area, 20.0)
+        exact = plain_state_prior(was_in[k], states[k], now_in[k], area.n_states, same, beliefs[now_in[k]])
+        np.testing.assert_allclose(row[: len(exact)], exact)
+        assert not row[len(exact) :].any()
 
 
 @pytest.mark.parametrize(("x", "expected"), [(0.5, 0), (2.4, 0), (2.7, 1), (9.0, -1)])

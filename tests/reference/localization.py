@@ -228,3 +228,30 @@ def _spline(t):
     if a >= 1:
         return (2 - a) ** 3 / 6, -sign * (2 - a) ** 2 / 2
     return (4 - 6 * a**2 + 3 * a**3) / 6, sign * (-12 * a + 9 * a**2) / 6
+
+
+def plain_state_prior(was_in, state, now_in, n_states, same, entering):
+    """p(m_t | x_t, m_{t-1}) of one particle, as the paper words it; *entering* = what it believes on coming in."""
+    if now_in < 0:
+        return [1.0]
+    if was_in != now_in:
+        return list(entering)
+    return [same if k == state else (1 - same) / (n_states - 1) for k in range(n_states)]
+
+
+def exact_joint_posterior(pose_prior, transitions, log_likelihoods):
+    """Eq. 1.24 by enumeration: p(path, last state), summed over all sequences of states of every path.
+
+    *transitions*[t][path][before][after], of which t = 0 is read at before = 0; *log_likelihoods*[t][path][state].
+    """
+    n = len(log_likelihoods[0][0])
+    table = [[0.0] * n for _ in pose_prior]
+    for path, prior in enumerate(pose_prior):
+        for sequence in itertools.product(range(n), repeat=len(log_likelihoods)):
+            p, before = prior, 0
+            for t, state in enumerate(sequence):
+                p *= transitions[t][path][before][state] * math.exp(log_likelihoods[t][path][state])
+                before = state
+            table[path][sequence[-1]] += p
+    total = sum(map(sum, table))
+    return [[p / total for p in row] for row in table]
