@@ -63,7 +63,7 @@ def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     )  # topics of a robot are not those here
     # The sums of several threads are joined by a kernel of their own.
     build(folder / "run", [recording], config, threads=max(2, shared.threads))
-    for sensor in ("likelihood_field", "beam"):
+    for sensor, ingest in (("likelihood_field", IngestSettings()), ("beam", IngestSettings(odom="none"))):
         weighed = config.localization.model_copy(update={"sensor": sensor})
-        chosen = config.model_copy(update={"localization": weighed})
+        chosen = config.model_copy(update={"ingest": ingest, "localization": weighed})
         localize(folder / "run", [recording], folder / sensor, chosen, threads=shared.threads, force=False)
