@@ -255,8 +255,8 @@ class _Tracker:
         )
         estimate, rows = estimate_pose(carried.weighed()), []
         if _is_settled(estimate, ONE_MODE_SHARE):
-            # The beam model knows already what beams went through.
-            exponent = 0.0 if weighing.knows_passes else temper(sweep.ranges_m.size, settings)
+            # Also under the beam model: particles shift by a cell to explain a door they passed, the mean pose does not.
+            exponent = temper(sweep.ranges_m.size, settings)
             for number, evidence in self._evidence(place_sweep(sweep, estimate.pose)):
                 more = carried.with_evidence(number, exponent * evidence.through)
                 belief = more.belief(number, evidence.through.size)

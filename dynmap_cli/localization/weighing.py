@@ -40,11 +40,6 @@ class Weighing:
             return scan_beam_log_likelihoods(self.pool, poses, self.sweep, self.settings, windows, executor)
         return scan_log_likelihoods(self.pool.pool, self.pool.frame, poses, self.ends_m, windows, executor)
 
-    @property
-    def knows_passes(self) -> bool:
-        """Whether the weights know already what beams went through."""
-        return self.settings.sensor == "beam"
-
 
 def weighing_of(sweep: Sweep, pool: MapPool, settings: LocalizationSettings) -> Weighing:
     """Choose the beams of a scan that weigh particles."""
