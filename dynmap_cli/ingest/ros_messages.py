@@ -23,6 +23,8 @@ from dynmap_cli.ingest.raw import RawLaser, RawOdometry, RawRecording, RawTransf
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 _LEAST_QUATERNION, _MOST_QUATERNION = 0.5, 4.0
+_CLIPPED = 1e3
+"""Larger components than a rotation has, whose squares are numbers still."""
 _LONGEST_SWEEP_S = 60.0
 
 
@@ -174,7 +176,7 @@ def _clean_transforms(recording: RawRecording) -> None:
     found, recording.transforms = recording.transforms, {}
     for (parent, child), raw in found.items():
         values = np.array(raw.values)
-        length = (np.clip(values[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
+        length = (np.clip(values[:, 3:], -_CLIPPED, _CLIPPED) ** 2).sum(axis=1)
         is_pose = (np.abs(values[:, :3]) <= FARTHEST_M).all(axis=1)
         is_pose &= (length >= _LEAST_QUATERNION) & (length <= _MOST_QUATERNION)
         is_pose &= [is_stamp(stamp_ns) for stamp_ns in raw.stamps_ns]
