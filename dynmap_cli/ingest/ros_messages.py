@@ -27,6 +27,8 @@ from dynmap_cli.ingest.raw_laser import ScanShape
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 LEAST_QUATERNION, MOST_QUATERNION = 0.5, 4.0
+_CLIPPED = 1e3
+"""Larger components than a rotation has, whose squares are numbers still."""
 LONGEST_SWEEP_S = 60.0
 _NO_STAMP = -1
 
@@ -220,7 +222,7 @@ def _are_transforms(values: F64) -> B1:
     is_pose = np.zeros(values.shape[0], dtype=bool)
     for rows in spans(is_pose.size):
         part = values[rows]
-        length = (np.clip(part[:, 3:], -2.0, 2.0) ** 2).sum(axis=1)
+        length = (np.clip(part[:, 3:], -_CLIPPED, _CLIPPED) ** 2).sum(axis=1)
         is_pose[rows] = (np.abs(part[:, :3]) <= FARTHEST_M).all(axis=1)
         is_pose[rows] &= (length >= LEAST_QUATERNION) & (length <= MOST_QUATERNION)
     return is_pose

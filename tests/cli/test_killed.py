@@ -24,6 +24,7 @@ def assert_is_made_good(made, folder):
     assert [name for name in whole if found[name] != whole[name]] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_build_that_is_killed_at_a_change_of_a_file(made, tmp_path, seed):
     number = random.Random(seed).randrange(1, 120)
@@ -31,11 +32,13 @@ def test_a_build_that_is_killed_at_a_change_of_a_file(made, tmp_path, seed):
     assert_is_made_good(made, tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_build_that_is_killed_at_any_time(made, tmp_path):
     killing.kill_after(made.recording, tmp_path / "run", 2.5)
     assert_is_made_good(made, tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_build_that_is_killed_while_it_replaces_another(made, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(made.run_dir, folder)
@@ -52,6 +55,7 @@ main(sys.argv[2:])
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_bytes", [3000, 60_000])
 def test_a_disk_that_is_full(made, tmp_path, n_bytes):
     folder = tmp_path / "run"

@@ -240,6 +240,7 @@ ODD_POSES = {
     "far": (1e9, 0, 0, 0, 0, 0, 1),
     "very far": (1e300, 0, 0, 0, 0, 0, 1),
     "huge rotation": (0, 0, 0, 1e200, 0, 0, 1),
+    "huge, and in one component only": (0, 0, 0, 1e200, 0, 0, 0),
 }
 
 
