@@ -127,7 +127,7 @@ def estimate_pose(particles: Particles) -> Estimate:
     pose = _mean_pose(particles, inverse == heaviest)
     members = np.ones(particles.count, dtype=np.bool_)
     for _ in range(3):
-        members = members_of(particles.poses, pose)
+        members = _members(particles.poses, pose)
         pose = _mean_pose(particles, members)
     away = np.square(particles.poses[:, :2] - pose[:2]).sum(axis=1)
     return Estimate(
@@ -137,7 +137,7 @@ def estimate_pose(particles: Particles) -> Estimate:
     )
 
 
-def members_of(poses: F64, pose: F64) -> B1:
+def _members(poses: F64, pose: F64) -> B1:
     """Which poses belong to the cluster around a pose."""
     near = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) <= CLUSTER_M
     return np.asarray(near & (np.abs(wrap_angle(poses[:, 2] - pose[2])) <= CLUSTER_RAD))
