@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64, I32
-from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.arrays import F64, I32
 from dynmap_cli.kernels.particles import draw_particles, heaviest_cluster, multiply_weights
 from dynmap_cli.localization.settings import LocalizationSettings
 
@@ -118,9 +117,3 @@ def estimate_pose(particles: Particles) -> Estimate:
     found = np.empty(5)
     heaviest_cluster(particles.poses, particles.weights, BIN_M, BIN_RAD, CLUSTER_M, CLUSTER_RAD, found)
     return Estimate(pose=found[:3], share=float(found[3]), spread_m=float(found[4]))
-
-
-def members_of(poses: F64, pose: F64) -> B1:
-    """Which poses belong to the cluster around a pose."""
-    near = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) <= CLUSTER_M
-    return np.asarray(near & (np.abs(wrap_angle(poses[:, 2] - pose[2])) <= CLUSTER_RAD))

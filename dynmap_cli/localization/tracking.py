@@ -255,7 +255,7 @@ class _Tracker:
         )
         estimate, rows = estimate_pose(carried.weighed()), []
         if _is_settled(estimate, ONE_MODE_SHARE):
-            # Also under the beam model: particles shift by a cell to explain a door they passed, the mean pose does not.
+            # Also under the beam model: particles shift by a cell to explain a door they passed, the mean does not.
             exponent = temper(sweep.ranges_m.size, settings)
             for number, evidence in self._evidence(place_sweep(sweep, estimate.pose)):
                 more = carried.with_evidence(number, exponent * evidence.through)

@@ -67,11 +67,12 @@ class Errors:
     heading_deg: F64
 
     def cells(self) -> Row:
-        """Mean, 95 % and mean heading."""
+        """Mean, median, 95 % and mean heading."""
         if self.position_m.size == 0:
-            return ["-", "-", "-"]
+            return ["-", "-", "-", "-"]
         return [
             number(float(self.position_m.mean())),
+            number(float(np.median(self.position_m))),
             number(float(np.quantile(self.position_m, 0.95))),
             number(float(self.heading_deg.mean()), 2),
         ]
@@ -167,6 +168,7 @@ def lab_row(bench: Bench) -> Row:
         str(scans),
         percent(float(_summary(out_dir)["lost"])),
         f"two seeds {float(apart_m.mean()):.3f} apart",
+        number(float(np.median(apart_m))),
         number(float(np.quantile(apart_m, 0.95))),
         f"{100 * explained:.0f} % of the beams explained",
         "-",
@@ -178,6 +180,11 @@ def lab_row(bench: Bench) -> Row:
 def _summary(out_dir: Path) -> dict[str, object]:
     content: dict[str, dict[str, object]] = json.loads((out_dir / "localize.manifest.json").read_text())
     return content["summary"]
+
+
+def _short(row: Row) -> str:
+    """Mean and median error of a row."""
+    return f"{row[4]} m, median {row[5]} m"
 
 
 def tables(bench: Bench) -> list[Table]:
@@ -199,6 +206,7 @@ def tables(bench: Bench) -> list[Table]:
             "scans",
             "lost",
             "error, m",
+            "error median, m",
             "error 95 %, m",
             "error, deg",
             "laid on truth itself, m",
@@ -220,6 +228,6 @@ def tables(bench: Bench) -> list[Table]:
     for (name, half), job in jobs.items():
         table.remark(
             f"localization, {name}, mapped from the {half} half",
-            lambda job=job: f"{job.result()[0][4]} m; looked back {job.result()[1][4]} m",
+            lambda job=job: f"{_short(job.result()[0])}; looked back {_short(job.result()[1])}",
         )
     return [table]

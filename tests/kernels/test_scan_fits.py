@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.kernels.scan_fits import scan_normal_equations
-from tests.reference.localization import plain_scan_fit
+from tests.reference.scan_fits import plain_scan_fit
 
 FLOOR, SIGMA_CELLS = 0.02, 2.0
 
