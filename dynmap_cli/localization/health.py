@@ -56,6 +56,8 @@ class ScanHealth:
         Show what the map has not, a thing or an opening, and something has been seen there for 5 s.
     where : Place or None
         Where most of these are.
+    off_map : float
+        Unexplained, but in the open where the map knows nothing: no sign of a wrong pose.
     """
 
     explained: float
@@ -64,6 +66,7 @@ class ScanHealth:
     places_through: int
     changed: float
     where: Place | None = None
+    off_map: float = 0.0
 
 
 class Novelties:
@@ -96,6 +99,8 @@ def scan_health(
     unexplained = ~(now | other)
     crossings, through = _walls_crossed(placed, pool)
     crossings, through = crossings[hits], through[hits]
+    cells = np.clip(pool.frame.to_cells(ends), 0, np.array(pool.frame.shape) - 1)
+    off_map = unexplained & ~through & ~pool.free[cells[:, 0], cells[:, 1]]
     things, openings = ends[unexplained & ~through], crossings[through]
     things = things[novelties.things.see(things, now_s)]
     openings = openings[novelties.openings.see(openings, now_s)]
@@ -106,6 +111,7 @@ def scan_health(
         places_through=_count_places(crossings[through & unexplained]),
         changed=(len(things) + len(openings)) / n_hits,
         where=main_place(things, openings, [pool.submaps[number] for number in likeliest]),
+        off_map=float(off_map.sum()) / n_hits,
     )
 
 
@@ -133,7 +139,7 @@ class Verdict:
 
 def lost_measure(health: ScanHealth) -> float:
     """How much one scan speaks for a wrong pose."""
-    return health.places_through + UNEXPLAINED_WEIGHT * health.unexplained
+    return health.places_through + UNEXPLAINED_WEIGHT * (health.unexplained - health.off_map)
 
 
 class Patience:

@@ -4,6 +4,7 @@ import numpy as np
 
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.localization.health import (
+    DOUBT,
     SEARCH_AFTER,
     SETTLED_AFTER,
     Novelties,
@@ -11,6 +12,7 @@ from dynmap_cli.localization.health import (
     ScanHealth,
     Verdict,
     _count_places,
+    lost_measure,
     scan_health,
 )
 from dynmap_cli.localization.map_pool import make_map_pool
@@ -107,6 +109,11 @@ def test_verdicts():
         (CALM, "lost", estimate(share=0.5)),
     ):
         assert Verdict().judge(scan, where) == expected
+
+
+def test_what_lies_where_the_map_knows_nothing_speaks_for_no_wrong_pose():
+    assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 0, 0.0, off_map=0.8)) == 0.0
+    assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 1, 0.0, off_map=0.6)) > DOUBT
 
 
 def test_one_bad_scan_among_six_is_no_loss_and_no_doubt():
