@@ -24,7 +24,12 @@ LANES: dict[str, LANE] = {
 }
 OTHER_DAY = 100
 """Added to the seed of the mapped recording: other states at other times, other noise."""
-METHODS = ("patch map", "patch map, state in each particle", "plain, filtered map")
+METHODS = (
+    "patch map",
+    "patch map, state in each particle",
+    "plain, filtered map",
+    "plain, average of all states",
+)
 _COLUMNS = {
     "success": "success",
     "time_to_converge_s": "converged, s",
@@ -73,14 +78,30 @@ def judge(
     return Localized(score, 1000.0 * cost.cpu_s / truth.trajectory.stamps_ns.size)
 
 
+def plain_map(bench: Bench, run_dir: Path, method: str) -> Path | None:
+    """The map of a plain method: that of the run, or one with all states of each sub-map; None for patch maps."""
+    if method == METHODS[2]:
+        return run_dir / "map" / "map.yaml"
+    if method != METHODS[3]:
+        return None
+
+    def make() -> Path:
+        out_dir = bench.folder / "average_maps" / run_dir.name
+        dynmap(
+            "export", run_dir, "--state", "union", "-o", out_dir, "--force", log=out_dir.with_suffix(".txt")
+        )
+        return out_dir / "map.yaml"
+
+    return bench.jobs.once(("average", run_dir.name), make)
+
+
 def judge_world(bench: Bench, world: str, seed: int, method: str) -> Localized:
     """Map one recording of a world, localize another one."""
     name = states.name_of(world, seed)
     mapped = bench.recorded(world, name, seed, states.WORLDS[world])
     run_dir, _ = bench.built(name, mapped)
     recording = bench.recorded(world, f"{name}-other-day", seed + OTHER_DAY, LANES[world])
-    plain = run_dir / "map" / "map.yaml" if method == METHODS[2] else None
-    return judge(bench, run_dir, mapped, recording, method, plain)
+    return judge(bench, run_dir, mapped, recording, method, plain_map(bench, run_dir, method))
 
 
 def sample(bench: Bench, day: str) -> Path:
@@ -100,7 +121,7 @@ def judge_samples(bench: Bench, method: str) -> Localized:
     """Localize the sample recording of Tuesday in maps made of Monday's."""
     monday, tuesday = sample(bench, "monday"), sample(bench, "tuesday")
     run_dir, _ = bench.built("corridor", monday)
-    plain = run_dir / "map" / "map.yaml" if method == METHODS[2] else None
+    plain = plain_map(bench, run_dir, method)
     if method.startswith("plain, doors"):
         scenarios = (load_scenario(SAMPLES / f"corridor_{day}.yaml") for day in ("monday", "tuesday"))
         corridor = Corridor(run_dir, run_dir, *map(simulate, scenarios))
@@ -124,7 +145,8 @@ def tables(bench: Bench) -> list[Table]:
             f"change in view is a median. Mean over {len(bench.seeds)} seeds, with the 5 and 95 % band "
             f"of its bootstrap. "
             "*Plain* is Monte Carlo localization without patches, in the filtered map of the same run "
-            "(`--map RUN/map/map.yaml`), in the sample logs also in maps with both doors in one state.",
+            "(`--map RUN/map/map.yaml`) and in that with all states of each sub-map at once "
+            "(`dynmap export --state union`), in the sample logs also in maps with both doors in one state.",
         ],
         ["world", "map", *_COLUMNS.values(), "CPU ms per scan"],
     )

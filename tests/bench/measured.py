@@ -62,7 +62,7 @@ def python(*words: object, log: Path) -> Cost:
 
 def dynmap(verb: str, *words: object, log: Path) -> Cost:
     """Run `dynmap VERB ...` as installed beside this interpreter."""
-    threads = [] if verb == "simulate" else ["--threads", 1]
+    threads = [] if verb in ("simulate", "export") else ["--threads", 1]
     return run([Path(sys.executable).with_name("dynmap"), verb, *words, *threads, "-q"], log=log)
 
 
