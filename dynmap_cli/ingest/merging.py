@@ -310,7 +310,7 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
 
 def period_s_of(stamps_ns: I64) -> float:
     """Median time between sweeps, seconds; 0 with fewer than two."""
-    return float(np.median(np.abs(np.diff(np.sort(stamps_ns))))) * 1e-9 if stamps_ns.size > 1 else 0.0
+    return float(np.median(np.diff(np.sort(stamps_ns)))) * 1e-9 if stamps_ns.size > 1 else 0.0
 
 
 def find_restart(recording_index: I32, stamps_ns: I64, odometry: F64) -> tuple[int, str] | None:

@@ -236,13 +236,14 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
         else:
             why = f"odometry messages; '{track.child}' taken to be '{base}'"
     gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
+    rate_hz = _rate_hz(stamps)
     path_m = path_length_m(track.poses)
     track.give_back()
     at_sweeps = np.empty((stamps_ns.size, 3))
     for rows in spans(stamps_ns.size):
         at_sweeps[rows] = interpolate(stamps, poses, stamps_ns[rows])
         track.give_back()
-    return Odometry(track.name, why, at_sweeps, gap_s, path_m, rate_hz=_rate_hz(stamps))
+    return Odometry(track.name, why, at_sweeps, gap_s, path_m, rate_hz=rate_hz)
 
 
 def _rate_hz(stamps_ns: I64) -> float:

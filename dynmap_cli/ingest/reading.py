@@ -125,8 +125,8 @@ def _merge_drive(
     odometry = find_odometry(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
-    poses = _cut_ends(columns, odometry, joined)
     joined.give_back()
+    poses = _cut_ends(columns, odometry, joined)
     note_stamps([choice.view.laser for choice in used], joined)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
