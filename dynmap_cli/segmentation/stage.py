@@ -24,6 +24,7 @@ from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
 from dynmap_cli.segmentation.corrections import apply_corrections
+from dynmap_cli.segmentation.dependence import dependent_regions
 from dynmap_cli.segmentation.groups import changed_as_one
 from dynmap_cli.segmentation.numbering import keep_numbers
 from dynmap_cli.segmentation.recurring import with_recurring
@@ -58,7 +59,10 @@ def find_submaps(
     components = changed_as_one(found, grow_components(found.contested, params), params.min_cells)
     recurring = found.recurring(components)
     components += grow_components(recurring, params)
-    groups = merge_regions(components, found.standing, params)
+    dependent = None
+    if settings.merge == "dependent":
+        dependent = dependent_regions(found, components, params.min_cells)
+    groups = merge_regions(components, found.standing, params, dependent)
     cells = [np.concatenate([components[k] for k in group]) for group in groups]
     return with_recurring(make_submaps(cells, frame, params.margin), recurring), found
 

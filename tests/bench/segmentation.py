@@ -155,9 +155,9 @@ def _cost_table(bench: Bench) -> Table:
     table = Table(
         "Growing and merging regions against contested cells",
         [
-            "Boxes of 3 x 3 to 8 x 8 contested cells at random places, 4 on each 100 m2 of a map that grows; CPU seconds "
-            "of growing, cutting and merging, the best of three. The last column stays about the same where the cost is "
-            "O(p log p).",
+            "Boxes of 3 x 3 to 8 x 8 contested cells at random places, 4 on each 100 m2 of a map that grows; CPU "
+            "seconds of growing, cutting and merging, the best of three. The last column stays about the same where "
+            "the cost is O(p log p).",
         ],
         ["boxes", "contested cells p", "components", "regions", "CPU s", "us per p log2 p"],
     )
