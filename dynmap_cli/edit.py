@@ -12,7 +12,7 @@ from dynmap_cli.domain.corrections import Addition, Correction, Drop, Merge, Nam
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError, ConfigError
 from dynmap_cli.files.atomic import scratch_folder
-from dynmap_cli.files.counting_map import read_counting_map
+from dynmap_cli.files.counting_map import read_map_frame
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.edits import check_name, read_edits, read_polygon, write_edits
 from dynmap_cli.files.known import FOLDER, forget, remember
@@ -177,7 +177,7 @@ def _number_of(correction: Correction) -> int:
 
 def _added(run_dir: Path, path: Path, numbers: Sequence[int], config: Config) -> tuple[Addition, SubMap]:
     """A new area with a number that no sub-map has or had."""
-    frame = read_counting_map(run_dir / MAP.folder / "reflectance.npz").frame
+    frame = read_map_frame(run_dir / MAP.folder / "reflectance.npz")
     try:
         addition = Addition(max(numbers, default=-1) + 1, read_polygon(path))
     except (OSError, ValueError) as err:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,12 +54,32 @@ def read_counting_map(path: Path) -> CountingMap:
         if any(arrays[name].shape[:2] != shape for name in _GRIDS):
             msg = f"grids of different sizes: {[arrays[name].shape for name in _GRIDS]}"
             raise ValueError(msg)
-        resolution, (x, y) = float(arrays["resolution_m"]), arrays["origin_m"].tolist()
-        if not (0.0 < resolution < math.inf and math.isfinite(x) and math.isfinite(y)):
-            msg = f"resolution_m {resolution}, origin_m {x}, {y}"
-            raise ValueError(msg)
         grids = {name: arrays[name].astype(np.float64) for name in _GRIDS}
-        return CountingMap(GridFrame(resolution, x, y, *shape), **grids)
+        return CountingMap(_frame_of(arrays, shape), **grids)
+
+
+def read_map_frame(path: Path) -> GridFrame:
+    """Read the frame of a counting map, and of its grids only one.
+
+    Raises
+    ------
+    ArtifactError
+        As `read_counting_map`.
+    """
+    with refusing_damage(f"{path}: not a readable counting map", _REMEDY, ArtifactError):
+        wanted = {"dynamic_hits": _GRIDS["dynamic_hits"], **_FRAME}
+        arrays = read_npz(path, wanted, max_bytes=8 * MAX_CELLS)
+        return _frame_of(arrays, arrays["dynamic_hits"].shape)
+
+
+def _frame_of(arrays: Mapping[str, Any], shape: tuple[int, ...]) -> GridFrame:
+    """Check and build the frame of grids of a shape."""
+    resolution, (x, y) = float(arrays["resolution_m"]), arrays["origin_m"].tolist()
+    if not (0.0 < resolution < math.inf and math.isfinite(x) and math.isfinite(y)):
+        msg = f"resolution_m {resolution}, origin_m {x}, {y}"
+        raise ValueError(msg)
+    rows, cols = shape
+    return GridFrame(resolution, x, y, rows, cols)
 
 
 def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown: B1) -> None:

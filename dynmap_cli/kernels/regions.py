@@ -258,20 +258,24 @@ def add_evidence(
                 continue
             if stop <= start:
                 continue
-            # From a cell that is d cells away from the nearest one of interest, the beam leaps out of the square of
-            # 2 d - 1 cells around it at once.
+            # From a cell that is d >= 2 cells away from the nearest one of interest, the beam leaps d - 1 cells along
+            # its major axis at once; beside and in those of interest it goes from edge to edge.
             col = min(max(int(x0 + start * dx), 0), cols - 1)
             row = min(max(int(y0 + start * dy), 0), rows - 1)
             step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-            edge_col, edge_row = int(dx <= 0.0), int(dy <= 0.0)
+            edge_col, edge_row = int(dx > 0.0), int(dy > 0.0)
             per_col, per_row = (1.0 / dx if dx != 0.0 else 0.0), (1.0 / dy if dy != 0.0 else 0.0)
+            per_cell = 1.0 / max(abs(dx), abs(dy))
             at = start
             while at < stop:
                 cell = index[row * cols + col]
-                reach = 1 if cell >= 0 else -cell
-                next_col, next_row = col + reach * step_col, row + reach * step_row
-                leaving_x = (next_col + edge_col - x0) * per_col if dx != 0.0 else math.inf
-                leaving_y = (next_row + edge_row - y0) * per_row if dy != 0.0 else math.inf
+                if cell < -1:
+                    at += (-cell - 1) * per_cell
+                    col = min(max(int(x0 + at * dx), 0), cols - 1)
+                    row = min(max(int(y0 + at * dy), 0), rows - 1)
+                    continue
+                leaving_x = (col + edge_col - x0) * per_col if dx != 0.0 else math.inf
+                leaving_y = (row + edge_row - y0) * per_row if dy != 0.0 else math.inf
                 leaving = min(leaving_x, leaving_y)
                 if cell >= 0:
                     nx, ny = normals[cell, 0], normals[cell, 1]
@@ -284,10 +288,8 @@ def add_evidence(
                         crossed[cell] += passed
                 at, is_x = leaving, leaving_x < leaving_y
                 # Selected, not branched: a wrong guess costs more than the arithmetic.
-                within_col = min(max(int(x0 + at * dx), col - reach + 1), col + reach - 1)
-                within_row = min(max(int(y0 + at * dy), row - reach + 1), row + reach - 1)
-                col = next_col if is_x else within_col
-                row = within_row if is_x else next_row
+                col += step_col if is_x else 0
+                row += 0 if is_x else step_row
                 if col < 0 or col >= cols or row < 0 or row >= rows:
                     break
     return n_touched

@@ -133,7 +133,9 @@ def _cut_at_widest_gap(cells: I64) -> tuple[I64, I64]:
     return cells[below], cells[~below]
 
 
-def merge_regions(components: list[I64], standing: I8, params: RegionParams) -> list[list[int]]:
+def merge_regions(
+    components: list[I64], standing: I8, params: RegionParams, dependent: B1 | None = None
+) -> list[list[int]]:
     """Groups of components that see one another and fit under the cap, cheapest added area first.
 
     Two groups may merge while every pair of their components is mutually visible. With p contested cells
@@ -145,6 +147,8 @@ def merge_regions(components: list[I64], standing: I8, params: RegionParams) -> 
     standing : (rows, cols) int8
         1 = blocks the sight.
     params : RegionParams
+    dependent : (n, n) bool or None
+        Which pairs may merge at all; None = every one.
 
     Returns
     -------
@@ -154,6 +158,8 @@ def merge_regions(components: list[I64], standing: I8, params: RegionParams) -> 
     boxes = {k: box_around(cells, params.margin) for k, cells in enumerate(components)}
     members = {k: [k] for k in boxes}
     partners = _partners(components, standing, params, boxes)
+    if dependent is not None:
+        partners = {k: {other for other in near if dependent[k, other]} for k, near in partners.items()}
     queue = [
         entry for k in partners for other in partners[k] if k < other for entry in _offer(boxes, k, other)
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 
@@ -35,6 +37,10 @@ class SegmentationSettings(BaseModel):
         3, ge=0, le=20, description="Contested cells up to twice this far apart belong to one region."
     )
     min_cells: int = Field(6, ge=1, le=10_000, description="A region has at least so many contested cells.")
+    merge: Literal["visible", "dependent"] = Field(
+        "visible",
+        description="Merge regions that see one another, or of these only those that change together: smaller, more.",
+    )
     margin_m: float = Field(
         0.2, ge=0.0, le=5.0, description="Border of a sub-map around its contested cells."
     )

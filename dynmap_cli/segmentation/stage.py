@@ -15,7 +15,7 @@ from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ConfigError
-from dynmap_cli.files.counting_map import read_counting_map
+from dynmap_cli.files.counting_map import read_map_frame
 from dynmap_cli.files.edits import NAME as EDITS
 from dynmap_cli.files.edits import read_edits
 from dynmap_cli.files.known import FOUND, read_known_submaps
@@ -24,6 +24,7 @@ from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.segmentation.contradictions import Contradictions, find_contradictions
 from dynmap_cli.segmentation.corrections import apply_corrections
+from dynmap_cli.segmentation.dependence import dependent_regions
 from dynmap_cli.segmentation.groups import changed_as_one
 from dynmap_cli.segmentation.numbering import keep_numbers
 from dynmap_cli.segmentation.recurring import with_recurring
@@ -54,11 +55,14 @@ def find_submaps(
     """
     evidence = evidence_params(settings)
     found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
-    params = _region_params(settings, frame.resolution_m)
+    params = region_params(settings, frame.resolution_m)
     components = changed_as_one(found, grow_components(found.contested, params), params.min_cells)
     recurring = found.recurring(components)
     components += grow_components(recurring, params)
-    groups = merge_regions(components, found.standing, params)
+    dependent = None
+    if settings.merge == "dependent":
+        dependent = dependent_regions(found, components, params.min_cells)
+    groups = merge_regions(components, found.standing, params, dependent)
     cells = [np.concatenate([components[k] for k in group]) for group in groups]
     return with_recurring(make_submaps(cells, frame, params.margin), recurring), found
 
@@ -77,7 +81,7 @@ def margin_cells(settings: SegmentationSettings, resolution_m: float) -> int:
     return math.ceil(settings.margin_m / resolution_m - 1e-9)
 
 
-def _region_params(settings: SegmentationSettings, resolution_m: float) -> RegionParams:
+def region_params(settings: SegmentationSettings, resolution_m: float) -> RegionParams:
     """Turn lengths into cells."""
     margin = margin_cells(settings, resolution_m)
     max_area = settings.max_area_m2 / resolution_m**2
@@ -97,7 +101,7 @@ def run(context: StageContext) -> dict[str, Any]:
     """Read, call, write."""
     settings = context.config.segmentation
     log, trajectory = read_registered(context.scans_dir, context.run_dir / "map")
-    frame = read_counting_map(context.run_dir / "map" / "reflectance.npz").frame
+    frame = read_map_frame(context.run_dir / "map" / "reflectance.npz")
     windows = len(time_windows(log, settings.window_s))
     with progress("segment", windows, "windows") as tick:
         submaps, found = find_submaps(log, trajectory.poses, frame, settings, tick)

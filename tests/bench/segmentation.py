@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -15,12 +17,15 @@ from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.evaluation.states import LearnedStates, read_learned_states, score_states
 from dynmap_cli.evaluation.truth import read_run, same_scans
 from dynmap_cli.files.counting_map import read_counting_map
+from dynmap_cli.segmentation.regions import grow_components, merge_regions
 from dynmap_cli.segmentation.settings import SegmentationSettings
+from dynmap_cli.segmentation.stage import region_params
 from tests.bench.measured import stage_seconds
 from tests.bench.tables import Row, Table, number, percent
 from tests.bench.visible import visible_changes
 from tests.bench.worlds import Bench, truth_of
 
+_CELL_M = 0.05
 _LENGTHS = {30: (9, 6), 90: (27, 4)}
 """Minutes: visits without a pause between them, and seeds."""
 _BOUNDS = {30: (0.95, 2.0), 90: (0.97, 1.0)}
@@ -142,7 +147,43 @@ def tables(bench: Bench) -> list[Table]:
             f"sub-maps, {minutes} minutes of office",
             lambda minutes=minutes: _short(_row(minutes, jobs[minutes])),
         )
-    return [table]
+    return [table, _cost_table(bench)]
+
+
+def _cost_table(bench: Bench) -> Table:
+    """Seconds against the number of contested cells: the map grows, what stands on a square metre does not."""
+    table = Table(
+        "Growing and merging regions against contested cells",
+        [
+            "Boxes of 3 x 3 to 8 x 8 contested cells at random places, 4 on each 100 m2 of a map that grows; CPU "
+            "seconds of growing, cutting and merging, the best of three. The last column stays about the same where "
+            "the cost is O(p log p).",
+        ],
+        ["boxes", "contested cells p", "components", "regions", "CPU s", "us per p log2 p"],
+    )
+    for count in (100, 400, 1600) if bench.quick else (100, 400, 1600, 6400, 25600):
+        table.add(f"{count}", lambda count=count: _regions_row(count))
+    return table
+
+
+def _regions_row(count: int) -> Row:
+    draw = np.random.default_rng(count)
+    edge = math.ceil(math.sqrt(count / 4.0) * 10.0 / _CELL_M)
+    contested = np.zeros((edge, edge), dtype=bool)
+    for row, col, height, width in draw.integers([0, 0, 3, 3], [edge, edge, 9, 9], size=(count, 4)).tolist():
+        contested[row : row + height, col : col + width] = True
+    settings = SegmentationSettings()
+    params = region_params(settings, _CELL_M)
+    standing = np.zeros(contested.shape, dtype=np.int8)
+    seconds = []
+    for _ in range(3):
+        started = time.process_time()
+        components = grow_components(contested, params)
+        groups = merge_regions(components, standing, params)
+        seconds.append(time.process_time() - started)
+    cells, best = int(contested.sum()), min(seconds)
+    per_cell = 1e6 * best / (cells * math.log2(cells))
+    return [f"{cells}", f"{len(components)}", f"{len(groups)}", number(best), number(per_cell)]
 
 
 def _row(minutes: int, jobs: list[Future[Found]]) -> Row:
