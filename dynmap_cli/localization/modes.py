@@ -20,7 +20,7 @@ START_BEAMS = 60
 MODES = 100
 APART_M, APART_RAD = 0.75, math.radians(20.0)
 """Candidates closer than this belong to one place."""
-LOG_LIKELIHOOD_PER_PLACE = -2.0
+LOG_LIKELIHOOD_PER_PLACE = -1.0
 """Of a scan that goes through walls in one more place: a likelihood field does not see it, and it happens where a
 door was opened, but not in many places."""
 _LEAST_BELOW = 20.0
