@@ -130,7 +130,7 @@ class _Tracker:
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
         poses = self._result.trajectory.poses
-        self._choose_states(estimate_pose(particles), SETTLED_SHARE)
+        self._choose_states(estimate_pose(particles).share, SETTLED_SHARE)
         updated = first
         for scan in range(first, int(scans[-1]) + 1):
             motion = self._motion(updated, scan)
@@ -192,7 +192,7 @@ class _Tracker:
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
-        self._choose_states(estimate, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
+        self._choose_states(estimate.share, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
         if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
             found = self._search(scan, particles)
             if found is not None:
@@ -211,12 +211,12 @@ class _Tracker:
         if found is not None:
             result.health[-1] = replace(result.health[-1], verdict="lost")
             self._verdict = Verdict()
-            self._choose_states(estimate_pose(found), SETTLED_SHARE)
+            self._choose_states(estimate_pose(found).share, SETTLED_SHARE)
         return found
 
-    def _choose_states(self, estimate: Estimate, least_share: float) -> None:
+    def _choose_states(self, share: float, least_share: float) -> None:
         """Let each particle have states of its own while they do not agree on a place."""
-        self._carries_states = self._settings.states == "sampled" or not _is_settled(estimate, least_share)
+        self._carries_states = self._settings.states == "sampled" or share < least_share
 
     def _weigh(self, particles: Particles, weighing: Weighing, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
