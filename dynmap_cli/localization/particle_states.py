@@ -30,7 +30,7 @@ class CarriedStates:
     priors : (n, most states) float64
         p(s | s') of each particle; a particle in no sub-map has one state, 0.
     log_likelihoods : (n, most states) float64
-        Of the scan, tempered.
+        Of the scan, tempered; -inf where a sub-map has no such state.
     """
 
     particles: Particles
@@ -100,13 +100,15 @@ def carry_states(
     pool = weighing.pool
     submaps = nearest_submaps(particles.poses[:, :2], pool.submaps, within_m)
     priors = state_priors(particles.submaps, particles.states, submaps, pool.submaps, seconds, entering)
-    windows, fields = _window_table(pool), np.zeros(priors.shape)
+    windows, fields = _window_table(pool), np.full(priors.shape, -np.inf)
     n_states = np.array([*(submap.n_states for submap in pool.submaps), 1])[submaps]
     for state in range(int(n_states.max())):
         here = np.flatnonzero(n_states > state)
         chosen = np.ascontiguousarray(windows[submaps[here], state])
         fields[here, state] = weighing.log_likelihoods(particles.poses[here], chosen, executor)
-    return CarriedStates(replace(particles, submaps=submaps), priors, weighing.exponent * fields)
+    return CarriedStates(
+        replace(particles, submaps=submaps), priors, weighing.tempered(fields, particles.weights)
+    )
 
 
 def _window_table(pool: MapPool) -> I32:

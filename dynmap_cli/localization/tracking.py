@@ -223,7 +223,7 @@ class _Tracker:
         middle = particles.weights @ particles.poses[:, :2]
         self._world.show(self._world.near(middle, self._settings.laser_max_range), stamp)
         log_likelihoods = weighing.log_likelihoods(particles.poses, None, self._executor)
-        return reweigh(particles, log_likelihoods, weighing.exponent)
+        return reweigh(particles, weighing.tempered(log_likelihoods, particles.weights))
 
     def _learn_states(self, estimate: Estimate, placed: PlacedSweep, stamp: int) -> list[StateRow]:
         """Weigh the states of all sub-maps in view by the scan at the best pose."""

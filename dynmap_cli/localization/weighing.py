@@ -5,11 +5,17 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numpy as np
+
 from dynmap_cli.arrays import F64, I32
 from dynmap_cli.localization.beam_model import beams_of, scan_beam_log_likelihoods
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, temper
 from dynmap_cli.localization.settings import LocalizationSettings
+
+LEAST_EFFECTIVE = 50.0
+"""Particles that should still count after the beam model has weighed them."""
+_MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +45,28 @@ class Weighing:
         if self.settings.sensor == "beam":
             return scan_beam_log_likelihoods(self.pool, poses, self.sweep, self.settings, windows, executor)
         return scan_log_likelihoods(self.pool.pool, self.pool.frame, poses, self.ends_m, windows, executor)
+
+    def tempered(self, log_likelihoods: F64, weights: F64) -> F64:
+        """Log-likelihoods (n,) or (n, n_states) under the exponent; the beam model's under less if few would be left.
+
+        It is so sharp that of particles from a start nearly none fits, and the best of them would be all that is
+        left. So its exponent is halved until the weights of enough particles count (annealing, Deutscher et al. 2000).
+        """
+        found = np.asarray(self.exponent * log_likelihoods)
+        if self.settings.sensor != "beam":
+            return found
+        enough = min(LEAST_EFFECTIVE, 0.5 * _effective(weights))
+        for _ in range(_MOST_HALVINGS):
+            best = found if found.ndim == 1 else found.max(axis=1)
+            if _effective(weights * np.exp(best - best.max())) >= enough:
+                break
+            found = 0.5 * found
+        return found
+
+
+def _effective(weights: F64) -> float:
+    """Effective sample size of weights (n,) of any sum."""
+    return float(np.square(weights.sum()) / np.square(weights).sum())
 
 
 def weighing_of(sweep: Sweep, pool: MapPool, settings: LocalizationSettings) -> Weighing:
