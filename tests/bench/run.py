@@ -63,8 +63,6 @@ TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "drives": drives.tables,
     "localization": localization.tables,
     "real": real_localization.tables,
-    "verdict": verdict.tables,
-    "paper": paper_localization.tables,
     "peers": peers.tables,
     "cleaned": cleaned.tables,
     "speed": kernels.tables,
@@ -73,6 +71,8 @@ LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "robustness": robustness.tables,
     "length": patrol.length_tables,
     "segmentation": segmentation.tables,
+    "verdict": verdict.tables,
+    "paper": paper_localization.tables,
     "kills": kills.tables,
 }
 
