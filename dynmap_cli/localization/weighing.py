@@ -13,7 +13,7 @@ from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 
-LEAST_EFFECTIVE = 50.0
+LEAST_EFFECTIVE = 20.0
 """Particles that should still count after the beam model has weighed them."""
 _MOST_HALVINGS = 8
 
