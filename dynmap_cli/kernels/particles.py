@@ -116,7 +116,7 @@ def slot_of(keys: I32, entry: int, table: I32) -> int:
         mixed ^= mixed >> 15
     mask = table.size - 1
     slot = int(mixed) & mask
-    while table[slot] >= 0 and not is_same(keys, table[slot], entry):
+    while table[slot] >= 0 and not is_same(keys, int(np.int64(table[slot])), entry):
         slot = (slot + 1) & mask
     return slot
 
