@@ -116,7 +116,7 @@ def slot_of(keys: I32, entry: int, table: I32) -> int:
         mixed ^= mixed >> 15
     mask = table.size - 1
     slot = int(mixed) & mask
-    while table[slot] >= 0 and not is_same(keys, table[slot], entry):
+    while table[slot] >= 0 and not is_same(keys, int(np.int64(table[slot])), entry):
         slot = (slot + 1) & mask
     return slot
 
@@ -288,3 +288,38 @@ def heaviest_cluster(
         dx, dy = poses[k, 0] - x, poses[k, 1] - y
         variance += weights[k] * (dx * dx + dy * dy)
     out[0], out[1], out[2], out[3], out[4] = x, y, yaw, share, math.sqrt(variance)
+
+
+@kernel
+def covariance_near(poses: F64, weights: F64, centre: F64, near_m: float, near_rad: float, out: F64) -> None:
+    """Fill the weighted covariance of the particles near a pose, around it, yaw along the shorter arc.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    weights : (n,) float64
+    centre : (3,) float64
+    near_m, near_rad : float
+        Particles farther away than either are left out.
+    out : (3, 3) float64
+        m^2, m rad, rad^2; zero where no particle is near.
+    """
+    total = xx = xy = yy = xt = yt = tt = 0.0
+    for k in range(weights.size):
+        x, y = poses[k, 0] - centre[0], poses[k, 1] - centre[1]
+        turn = (poses[k, 2] - centre[2] + math.pi) % (2.0 * math.pi) - math.pi
+        if x * x + y * y > near_m * near_m or abs(turn) > near_rad:
+            continue
+        weight = weights[k]
+        total += weight
+        xx += weight * x * x
+        xy += weight * x * y
+        yy += weight * y * y
+        xt += weight * x * turn
+        yt += weight * y * turn
+        tt += weight * turn * turn
+    share = 1.0 / max(total, 1e-300)
+    out[0, 0], out[1, 1], out[2, 2] = xx * share, yy * share, tt * share
+    out[0, 1] = out[1, 0] = xy * share
+    out[0, 2] = out[2, 0] = xt * share
+    out[1, 2] = out[2, 1] = yt * share

@@ -30,6 +30,67 @@ REVERSED_MARGIN = 3.0
 
 
 @kernel
+def _predict_step(
+    scan: int, times_s: F64, motion: F64, has_motion: U8, poses: F64, step: F64, twists: F64
+) -> None:
+    """Fill the expected step to a scan, from the odometry or like the step before, and the velocity during it."""
+    for k in range(3):
+        step[k] = twists[scan, k] = 0.0
+    if scan > 0:
+        if has_motion[scan] > 0:
+            copy3(motion[scan], step)
+        elif scan > 1:
+            cos, sin = math.cos(poses[scan - 2, 2]), math.sin(poses[scan - 2, 2])
+            wx, wy = poses[scan - 1, 0] - poses[scan - 2, 0], poses[scan - 1, 1] - poses[scan - 2, 1]
+            step[0], step[1] = cos * wx + sin * wy, -sin * wx + cos * wy
+            step[2] = (poses[scan - 1, 2] - poses[scan - 2, 2] + math.pi) % (2.0 * math.pi) - math.pi
+        elapsed_s = times_s[scan] - times_s[scan - 1]
+        if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
+            for k in range(3):
+                twists[scan, k] = step[k] / elapsed_s
+    if scan + 1 < motion.shape[0] and has_motion[scan + 1] > 0:
+        # A sweep runs after its stamp, so its velocity is that of the step to the next one.
+        elapsed_s = times_s[scan + 1] - times_s[scan]
+        if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
+            for k in range(3):
+                twists[scan, k] = motion[scan + 1, k] / elapsed_s
+
+
+@kernel
+def _points_of(
+    scan: int,
+    geometry: int,
+    ranges_m: F32,
+    weights: F32,
+    directions: F64,
+    sensor_poses: F64,
+    usable_m: F64,
+    beam_interval_s: F64,
+    twists: F64,
+    spacing_m: float,
+    points: F64,
+    beams: I32,
+    point_weights: F64,
+) -> int:
+    """Fill the thinned points of a scan and their weights; return how many there are."""
+    count = thin_points(
+        ranges_m[scan],
+        directions[geometry],
+        sensor_poses[geometry],
+        usable_m[geometry],
+        beam_interval_s[geometry],
+        twists[scan],
+        spacing_m,
+        points,
+        beams,
+    )
+    for k in range(count):
+        e = float(weights[scan, beams[k]])
+        point_weights[k] = 1.0 if math.isnan(e) else e
+    return count
+
+
+@kernel
 def register_scans(
     first: int,
     last: int,
@@ -100,52 +161,21 @@ def register_scans(
     scores = np.empty((64, 64), np.int32)
     costs = np.empty(2)
     predicted, centre, start, found = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    best, prior, trial = np.empty(3), np.empty(3), np.empty((3, 3))
+    best, prior, step, trial = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     cell_m, sigma_m = numbers[CELL], numbers[SIGMA]
     capacity = ring.size
     one = int(np.int64(1))  # a literal would compile the kernel that is called once more
     for scan in range(first, last):
         flags[scan] = 0
-        # Prediction: odometry, or the motion of the step before.
-        dx = dy = turn = 0.0
-        twists[scan, 0] = twists[scan, 1] = twists[scan, 2] = 0.0
-        if scan > 0:
-            if has_motion[scan] > 0:
-                dx, dy, turn = motion[scan, 0], motion[scan, 1], motion[scan, 2]
-            elif scan > 1:
-                cos, sin = math.cos(poses[scan - 2, 2]), math.sin(poses[scan - 2, 2])
-                wx, wy = poses[scan - 1, 0] - poses[scan - 2, 0], poses[scan - 1, 1] - poses[scan - 2, 1]
-                dx, dy = cos * wx + sin * wy, -sin * wx + cos * wy
-                turn = (poses[scan - 1, 2] - poses[scan - 2, 2] + math.pi) % (2.0 * math.pi) - math.pi
-            elapsed_s = times_s[scan] - times_s[scan - 1]
-            if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
-                twists[scan, 0], twists[scan, 1], twists[scan, 2] = (
-                    dx / elapsed_s,
-                    dy / elapsed_s,
-                    turn / elapsed_s,
-                )
-        if scan + 1 < motion.shape[0] and has_motion[scan + 1] > 0:
-            # A sweep runs after its stamp, so its velocity is that of the step to the next one.
-            elapsed_s = times_s[scan + 1] - times_s[scan]
-            if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
-                for k in range(3):
-                    twists[scan, k] = motion[scan + 1, k] / elapsed_s
+        _predict_step(scan, times_s, motion, has_motion, poses, step, twists)
+        dx, dy, turn = step[0], step[1], step[2]
         geometry = geometry_index[scan]
-        count = thin_points(
-            ranges_m[scan],
-            directions[geometry],
-            sensor_poses[geometry],
-            usable_m[geometry],
-            beam_interval_s[geometry],
-            twists[scan],
-            numbers[SPACING],
-            points,
-            beams,
-        )
+        count = _points_of(
+            scan, geometry, ranges_m, weights, directions, sensor_poses, usable_m, beam_interval_s, twists,
+            numbers[SPACING], points, beams, point_weights,
+        )  # fmt: skip
         weight_sum = 0.0
         for k in range(count):
-            e = float(weights[scan, beams[k]])
-            point_weights[k] = 1.0 if math.isnan(e) else e
             weight_sum += point_weights[k]
         if scan > 0:
             cos, sin = math.cos(poses[scan - 1, 2]), math.sin(poses[scan - 1, 2])
@@ -228,7 +258,7 @@ def register_scans(
                 state[2] += 1
             else:
                 state[2] = 0
-            poses[scan] = best
+            copy3(best, poses[scan])
             shares[scan] = share
         else:
             shares[scan] = 1.0
@@ -255,20 +285,10 @@ def register_scans(
             ):
                 break
             geometry = geometry_index[oldest]
-            count = thin_points(
-                ranges_m[oldest],
-                directions[geometry],
-                sensor_poses[geometry],
-                usable_m[geometry],
-                beam_interval_s[geometry],
-                twists[oldest],
-                numbers[SPACING],
-                points,
-                beams,
-            )
-            for k in range(count):
-                e = float(weights[oldest, beams[k]])
-                point_weights[k] = 1.0 if math.isnan(e) else e
+            count = _points_of(
+                oldest, geometry, ranges_m, weights, directions, sensor_poses, usable_m, beam_interval_s, twists,
+                numbers[SPACING], points, beams, point_weights,
+            )  # fmt: skip
             insert_points(
                 points, point_weights, count, poses[oldest], -one, cell_m, sums, lines, stale, field
             )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.kernels.particles import covariance_near
 from dynmap_cli.localization.particle_filter import CLUSTER_M, CLUSTER_RAD, Estimate, Particles
 
 
@@ -56,8 +56,6 @@ def pose_row(stamp_ns: int, scan: int, particles: Particles, estimate: Estimate)
 
 def cluster_covariance(particles: Particles, pose: F64) -> F64:
     """(3, 3) weighted covariance of the particles in the cluster around a pose, yaw along the shorter arc."""
-    away = particles.poses - pose
-    away[:, 2] = wrap_angle(away[:, 2])
-    near = (np.hypot(away[:, 0], away[:, 1]) <= CLUSTER_M) & (np.abs(away[:, 2]) <= CLUSTER_RAD)
-    away, weights = away[near], particles.weights[near]
-    return np.asarray((away * weights[:, None]).T @ away / max(float(weights.sum()), 1e-300))
+    covariance = np.empty((3, 3))
+    covariance_near(particles.poses, particles.weights, pose, CLUSTER_M, CLUSTER_RAD, covariance)
+    return covariance
