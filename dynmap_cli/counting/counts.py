@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from scipy import ndimage
@@ -20,6 +21,7 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells, widen_bounds
 from dynmap_cli.kernels.counts import HIT_SUMS, add_sums, count_scans, scale_sums, sum_along_x, sum_along_y
 
+Scans: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, F64, F64, float, float, float]
 SCANS_PER_CHUNK = 1024
 _LEAST_PER_THREAD = 100
 N_BANDS = 8
@@ -102,6 +104,8 @@ class Counter:
         *,
         weights: F32 | None = None,
         twists: F64 | None = None,
+        only_returns: bool = False,
+        walls: U8 | None = None,
         sign: int = 1,
     ) -> None:
         """Add scans (sign 1) or take them out (sign -1).
@@ -116,25 +120,26 @@ class Counter:
             e of each beam; without it all beams are static.
         twists : (n_scans, 3) float64, optional
             Velocity during each scan, see `twists_of`; without it the robot stood still.
+        only_returns : bool
+            Leave out beams without return.
+        walls : (rows, cols) uint8, optional
+            1 where a beam without return cannot have passed; without it they pass up to the usable range.
         sign : int
         """
         rays, frame = rays_of(log, usable_range_m), self.frame
-        for first in range(0, log.n_scans, SCANS_PER_CHUNK):
-            part = slice(first, first + SCANS_PER_CHUNK)
-            ranges = np.array(log.ranges_m[part])
+        for part, scans in _chunks(log, rays, poses, frame, twists):
+            ranges = scans[0]
+            is_silent = ranges == np.inf
+            if only_returns:
+                ranges[is_silent] = np.nan
+            elif walls is not None and is_silent.any():
+                reach = np.empty_like(ranges)
+                cut_at_walls(*scans, walls, reach)
+                np.copyto(ranges, reach, where=is_silent)
             count_scans(
                 ranges,
                 np.ones_like(ranges) if weights is None else np.array(weights[part], dtype=np.float32),
-                np.array(log.geometry_index[part]),
-                rays.directions,
-                rays.sensor_poses,
-                rays.usable_m,
-                rays.beam_interval_s,
-                np.zeros((ranges.shape[0], 3)) if twists is None else np.array(twists[part]),
-                np.array(poses[part], dtype=np.float64),
-                frame.resolution_m,
-                frame.origin_x_m,
-                frame.origin_y_m,
+                *scans[1:],
                 *frame.shape,
                 sign,
                 self._ends,
@@ -174,6 +179,30 @@ class Counter:
         return self._ends[part].reshape(shape), self._crossings[part].reshape(shape)
 
 
+def _chunks(
+    log: ScanLog, rays: Rays, poses: F64, frame: GridFrame, twists: F64 | None
+) -> Iterator[tuple[slice, Scans]]:
+    """Some scans at a time, as rows of the log and as what the kernels want to know of them."""
+    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+        part = slice(first, min(first + SCANS_PER_CHUNK, log.n_scans))
+        yield (
+            part,
+            (
+                np.array(log.ranges_m[part]),
+                np.array(log.geometry_index[part]),
+                rays.directions,
+                rays.sensor_poses,
+                rays.usable_m,
+                rays.beam_interval_s,
+                np.zeros((part.stop - first, 3)) if twists is None else np.array(twists[part]),
+                np.array(poses[part], dtype=np.float64),
+                frame.resolution_m,
+                frame.origin_x_m,
+                frame.origin_y_m,
+            ),
+        )
+
+
 def _in_bands(threads: int, size: int, work: Callable[..., None], *out: I64 | F64) -> None:
     """Let threads work on an equal part (first, last) of a size each; they write to different parts of `out`."""
     bounds = np.linspace(0, size, N_BANDS + 1).astype(int).tolist()
@@ -189,6 +218,8 @@ def count_beams(
     *,
     weights: F32 | None = None,
     twists: F64 | None = None,
+    only_returns: bool = False,
+    walls: U8 | None = None,
     threads: int = 1,
 ) -> CountingMap:
     """Counting map of all scans; the same bytes for any number of threads.
@@ -206,6 +237,9 @@ def count_beams(
         e of each beam; NaN counts as 1.
     twists : (n_scans, 3) float64, optional
         Velocity during each scan, see `twists_of`; without it the robot stood still.
+    only_returns : bool
+    walls : (rows, cols) uint8, optional
+        As for `Counter.add`.
     threads : int
     """
     threads = max(1, min(threads, log.n_scans // _LEAST_PER_THREAD))
@@ -222,6 +256,8 @@ def count_beams(
                 usable_range_m,
                 weights=None if weights is None else weights[part],
                 twists=None if twists is None else twists[part],
+                only_returns=only_returns,
+                walls=walls,
             )
         return counter
 
@@ -247,22 +283,18 @@ def count_up_to_walls(
     A dark or grazing surface returns nothing; taken at its word such a beam would be free space through walls.
     The arguments are those of `count_beams`.
     """
-    silent = np.asarray(log.ranges_m == np.inf)
-    if not silent.any():
-        return count_beams(log, poses, frame, usable_range_m, twists=twists, threads=threads)
-    walls = _walls_of(
-        count_beams(only_returns(log), poses, frame, usable_range_m, twists=twists, threads=threads)
+    count = partial(count_beams, log, poses, frame, usable_range_m, twists=twists, threads=threads)
+    if not _has_silent_beams(log):
+        return count()
+    return count(walls=_walls_of(count(only_returns=True)))
+
+
+def _has_silent_beams(log: ScanLog) -> bool:
+    """Whether any beam has no return."""
+    return any(
+        bool((log.ranges_m[first : first + SCANS_PER_CHUNK] == np.inf).any())
+        for first in range(0, log.n_scans, SCANS_PER_CHUNK)
     )
-    moving = np.zeros((log.n_scans, 3)) if twists is None else twists
-    reach = _reach_of_silent_beams(log, poses, frame, usable_range_m, walls, moving)
-    cut = replace(log, ranges_m=np.where(silent, reach, log.ranges_m))
-    return count_beams(cut, poses, frame, usable_range_m, twists=twists, threads=threads)
-
-
-def only_returns(log: ScanLog) -> ScanLog:
-    """The same scans, in which beams without return say nothing."""
-    silent = np.asarray(log.ranges_m == np.inf)
-    return replace(log, ranges_m=np.where(silent, np.float32(np.nan), log.ranges_m)) if silent.any() else log
 
 
 def _walls_of(counts: CountingMap) -> U8:
@@ -272,57 +304,24 @@ def _walls_of(counts: CountingMap) -> U8:
     return walls.view(np.uint8)
 
 
-def _reach_of_silent_beams(
-    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, walls: U8, twists: F64
-) -> F32:
-    """Minus the distance (n_scans, n_beams) that each beam without return passes; NaN for the others."""
-    rays = rays_of(log, usable_range_m)
-    reach = np.empty(log.ranges_m.shape, dtype=np.float32)
-    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
-        part = slice(first, first + SCANS_PER_CHUNK)
-        cut_at_walls(
-            np.array(log.ranges_m[part]),
-            np.array(log.geometry_index[part]),
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            rays.beam_interval_s,
-            np.array(twists[part]),
-            np.array(poses[part], dtype=np.float64),
-            frame.resolution_m,
-            frame.origin_x_m,
-            frame.origin_y_m,
-            walls,
-            reach[part],
-        )
-    return reach
-
-
 def end_cells(
     log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, twists: F64 | None = None
 ) -> I32:
     """Flat index row * cols + col of each beam's end cell, (n_scans, n_beams) int32; -1 where it has none."""
-    rays = rays_of(log, usable_range_m)
-    twists = np.zeros((log.n_scans, 3)) if twists is None else twists
     cells = np.empty(log.ranges_m.shape, dtype=np.int32)
-    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
-        part = slice(first, first + SCANS_PER_CHUNK)
-        find_end_cells(
-            np.array(log.ranges_m[part]),
-            np.array(log.geometry_index[part]),
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            rays.beam_interval_s,
-            np.array(twists[part]),
-            np.array(poses[part], dtype=np.float64),
-            frame.resolution_m,
-            frame.origin_x_m,
-            frame.origin_y_m,
-            *frame.shape,
-            cells[part],
-        )
+    for part, found in end_cells_in_chunks(log, poses, frame, usable_range_m, twists=twists):
+        cells[part] = found
     return cells
+
+
+def end_cells_in_chunks(
+    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, twists: F64 | None = None
+) -> Iterator[tuple[slice, I32]]:
+    """Rows of some scans at a time, and what `end_cells` has for them."""
+    for part, scans in _chunks(log, rays_of(log, usable_range_m), poses, frame, twists):
+        cells = np.empty(scans[0].shape, dtype=np.int32)
+        find_end_cells(*scans, *frame.shape, cells)
+        yield part, cells
 
 
 def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m: float) -> GridFrame:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64
-from dynmap_cli.counting.counts import count_beams, count_up_to_walls, end_cells
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK, count_beams, count_up_to_walls, end_cells_in_chunks
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import look_up, static_probability
@@ -67,14 +67,23 @@ class FilteredMap:
     @property
     def unknown_share(self) -> float:
         """Share of the beams with an end point that nothing is known of."""
-        return int(self.is_unknown.sum()) / max(int(np.isfinite(self.static_probability).sum()), 1)
+        return int(self.is_unknown.sum()) / max(count_ended(self.static_probability)[0], 1)
 
     @property
     def dynamic_share(self) -> float:
         """Share of the beams with an end point that are called dynamic (e < 1/2)."""
-        ended = np.isfinite(self.static_probability)
-        dynamic = int((self.static_probability < 0.5).sum())
-        return dynamic / max(int(ended.sum()), 1)
+        ended, dynamic = count_ended(self.static_probability)
+        return dynamic / max(ended, 1)
+
+
+def count_ended(static_probability: F32) -> tuple[int, int]:
+    """How many beams have an end point, and how many of them are called dynamic (e < 1/2)."""
+    ended = dynamic = 0
+    for first in range(0, static_probability.shape[0], SCANS_PER_CHUNK):
+        part = static_probability[first : first + SCANS_PER_CHUNK]
+        ended += int(np.count_nonzero(np.isfinite(part)))
+        dynamic += int(np.count_nonzero(part < 0.5))
+    return ended, dynamic
 
 
 def filter_beams(
@@ -102,10 +111,10 @@ def filter_beams(
     count = count_up_to_walls if params.stop_at_walls else count_beams
     raw = count(log, poses, frame, params.usable_range_m, twists=twists, threads=threads)
     reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
-    cells = end_cells(log, poses, frame, params.usable_range_m, twists=twists)
     weights = _e_step(reflectance, params)
-    beams = np.empty(cells.shape, dtype=np.float32)
-    look_up(cells, weights.ravel(), beams)
+    beams = np.empty(log.ranges_m.shape, dtype=np.float32)
+    for part, cells in end_cells_in_chunks(log, poses, frame, params.usable_range_m, twists=twists):
+        look_up(cells, weights.ravel(), beams[part])
     counted = count_with(raw, weights.astype(np.float64))
     unknown = np.zeros(beams.shape, dtype=bool)
     return FilteredMap(counted, beams, expected_log_likelihood(counted), unknown)

@@ -27,6 +27,8 @@ class EvidenceParams:
     ----------
     max_range_m : float
         Beams are used up to this range; longer ones pass up to it.
+    silent_pass : bool
+        Whether beams without return pass up to it, too; else they say nothing.
     min_crossing_rad : float
         A pass counts where the angle between beam and local surface is at least this.
     beyond_m : float
@@ -40,6 +42,7 @@ class EvidenceParams:
     """
 
     max_range_m: float = 12.0
+    silent_pass: bool = True
     min_crossing_rad: float = float(np.deg2rad(20.0))
     beyond_m: float = 0.3
     occupied_share: float = 0.4
@@ -102,7 +105,7 @@ def surface_cells(
     last_window = np.full(frame.shape, -1, dtype=np.int32)
     window_hits, most_hits = (np.zeros(frame.shape, dtype=np.int32) for _ in range(2))
     for number, window in enumerate(windows):
-        for beams in _chunks(log.select(window), poses[window], frame, params.max_range_m):
+        for beams in _chunks(log.select(window), poses[window], frame, params):
             add_hit_moments(*beams, number, hits, offset_x, offset_y, last_window, window_hits, most_hits)
     size = 2 * params.support_cells + 1
     near_candidates = ndimage.maximum_filter(most_hits >= params.occupied_hits, size=size, mode="constant")
@@ -115,9 +118,9 @@ def surface_cells(
     return SurfaceCells(frame, cells, index, _neighbours(cells, index, params.support_cells), normals)
 
 
-def _chunks(log: ScanLog, poses: F64, frame: GridFrame, max_range_m: float) -> Iterator[Beams]:
+def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) -> Iterator[Beams]:
     """What the kernels want to know of the beams, some scans at a time."""
-    rays = rays_of(log, max_range_m)
+    rays = rays_of(log, params.max_range_m)
     twists = twists_of(log, poses)
     if twists is None:
         twists = np.zeros((log.n_scans, 3))
@@ -125,8 +128,11 @@ def _chunks(log: ScanLog, poses: F64, frame: GridFrame, max_range_m: float) -> I
         twists[-1] = twists[-2]
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
+        ranges = np.array(log.ranges_m[part])
+        if not params.silent_pass:
+            ranges[ranges == np.inf] = np.nan
         yield (
-            np.array(log.ranges_m[part]),
+            ranges,
             np.array(log.geometry_index[part]),
             rays.directions,
             rays.sensor_poses,
@@ -170,7 +176,7 @@ class Evidence:
     def add(self, log: ScanLog, poses: F64) -> None:
         """Add scans with their poses map_from_robot, (n_scans, 3)."""
         sine = float(np.sin(self.params.min_crossing_rad))
-        for beams in _chunks(log, poses, self.surface.frame, self.params.max_range_m):
+        for beams in _chunks(log, poses, self.surface.frame, self.params):
             self._n_touched = add_evidence(
                 *beams,
                 self.surface.index.ravel(),

@@ -87,8 +87,8 @@ def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown:
     np.savez_compressed(
         path,
         stamps_ns=stamps_ns,
-        static_probability=static_probability.astype(np.float32),
-        is_unknown=is_unknown.astype(np.uint8),
+        static_probability=static_probability.astype(np.float32, copy=False),
+        is_unknown=is_unknown.view(np.uint8),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, I64
 from dynmap_cli.counting.counts import frame_of_scans
-from dynmap_cli.counting.em import FilterParams, filter_beams
+from dynmap_cli.counting.em import FilterParams, count_ended, filter_beams
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.front_end import times_of
@@ -50,7 +50,8 @@ def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
     every = max(1, -(-len(windows) // _MOST_JUDGED))
     judged = _Judged(log, weights, params, threads)
     judged.add(windows[::every])
-    if np.count_nonzero(weights < 0.5) <= _CROWD_SHARE * np.isfinite(weights).sum():
+    ended, dynamic = count_ended(weights)
+    if dynamic <= _CROWD_SHARE * ended:
         return None
     for first in range(1, every):
         judged.add(windows[first::every])

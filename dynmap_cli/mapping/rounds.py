@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.counting.counts import frame_of_scans, twists_of
-from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, filter_beams, occupancy
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK, frame_of_scans, twists_of
+from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, count_ended, filter_beams, occupancy
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.poses import Trajectory
@@ -143,6 +143,7 @@ def _with_looks(
         LookParams(look_s=settings.look_s, look_prior=settings.look_prior),
         usable_range_m=settings.usable_range_m,
         twists=twists,
+        in_place=True,
     )
 
 
@@ -150,9 +151,17 @@ def _round(filtered: FilteredMap, weights: F32 | None, poses: F64, before: F64 |
     """Compare a round with the one before."""
     changed, shift = 1.0, float("nan")
     if weights is not None and before is not None:
-        ended = np.isfinite(filtered.static_probability)
-        differs = (filtered.static_probability < 0.5) != (weights < 0.5)
-        changed = float((differs & ended).sum() / max(int(ended.sum()), 1))
+        changed = _changed_share(filtered.static_probability, weights)
         shift = float(np.nanmax(np.linalg.norm(poses[:, :2] - before[:, :2], axis=1), initial=0.0))
     drawn = occupancy(filtered.counting_map)
     return Round(filtered.log_likelihood, filtered.dynamic_share, changed, shift, drawn)
+
+
+def _changed_share(e: F32, before: F32) -> float:
+    """Share of the beams with an end point that are called otherwise than before."""
+    differ = 0
+    for first in range(0, e.shape[0], SCANS_PER_CHUNK):
+        rows = slice(first, first + SCANS_PER_CHUNK)
+        differs = (e[rows] < 0.5) != (before[rows] < 0.5)
+        differ += int(np.count_nonzero(differs & np.isfinite(e[rows])))
+    return differ / max(count_ended(e)[0], 1)

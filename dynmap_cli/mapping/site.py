@@ -11,6 +11,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.counting.counts import Rays, rays_of
+from dynmap_cli.counting.em import count_ended
 from dynmap_cli.domain.poses import compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
@@ -239,5 +240,5 @@ def _few_are_dynamic(weights: F32 | None) -> bool:
     """Whether so few beams were taken out that they cannot have misled the registration."""
     if weights is None:
         return False
-    ended = np.isfinite(weights)
-    return int((weights < 0.5).sum()) < _FEW_DYNAMIC * int(ended.sum())
+    ended, dynamic = count_ended(weights)
+    return dynamic < _FEW_DYNAMIC * ended

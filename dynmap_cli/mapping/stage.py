@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.counting.em import occupancy
+from dynmap_cli.counting.em import count_ended, occupancy
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.counting_map import write_beams, write_counting_map
 from dynmap_cli.files.pgm import write_map
@@ -79,7 +79,7 @@ def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, 
     """What was found, as numbers and as sentences."""
     filtered = result.filtered
     frame = filtered.counting_map.frame
-    ended = int(np.isfinite(filtered.static_probability).sum())
+    ended, _ = count_ended(filtered.static_probability)
     summary: dict[str, Any] = {
         "scans": log.n_scans,
         "drives": log.n_drives,
