@@ -9,9 +9,9 @@ import numpy as np
 
 from dynmap_cli.arrays import F32
 from dynmap_cli.clustering.hours import with_shares_by_hour
-from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.domain.corrections import Correction, Merge, describe, find_place
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.staying import stay_probability
 from dynmap_cli.domain.submaps import SubMap
 
 

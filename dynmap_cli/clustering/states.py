@@ -22,11 +22,11 @@ from dynmap_cli.clustering.objects import find_objects
 from dynmap_cli.clustering.sequences import SequenceParams, cut_sequences
 from dynmap_cli.clustering.shifted_states import lay_over_same_state
 from dynmap_cli.clustering.spots import join_spots
-from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.counting.em import FilterParams
 from dynmap_cli.counting.evidence import EvidenceParams
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.staying import stay_probability
 from dynmap_cli.domain.submaps import SubMap
 
 _FARTHER = (2.0, 4.0)

@@ -171,16 +171,18 @@ def localization_command(
     """
     from dynmap_cli.evaluation.figures import plot_over_time
     from dynmap_cli.evaluation.localization import read_localized, score_localization
+    from dynmap_cli.evaluation.object_beliefs import read_object_shares
     from dynmap_cli.evaluation.states import read_learned_states
     from dynmap_cli.evaluation.truth import read_truth
 
-    learned = map_truth = None
+    learned = map_truth = shares = None
     if map_paths is not None:
         map_truth = read_truth(map_paths[1])
         learned = read_learned_states(map_paths[0], map_truth)
+        shares = read_object_shares(map_paths[0], map_truth)
     pairs = in_pairs(paths, "OUT", "TRUTH")
     scores = [
-        score_localization(name, read_localized(out), read_truth(truth), learned, map_truth)
+        score_localization(name, read_localized(out), read_truth(truth), learned, map_truth, shares)
         for name, (out, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
     ]
     hints = []

@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,12 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import Trajectory, compose, wrap_angle
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import known_poses, nearest_stamp
+from dynmap_cli.evaluation.object_beliefs import (
+    BelievedObject,
+    ObjectShares,
+    object_measures,
+    parse_beliefs,
+)
 from dynmap_cli.evaluation.scores import Score, mean_or_nan, ratio
 from dynmap_cli.evaluation.states import (
     Configuration,
@@ -92,6 +98,8 @@ class Localized:
     says_lost : (n,) bool
     clouds : Clouds or None
         None where the particles were not saved.
+    objects : dict of (int, int) to BelievedObject
+        By sub-map and object.
     """
 
     trajectory: Trajectory
@@ -99,10 +107,11 @@ class Localized:
     verdict_stamps_ns: I64
     says_lost: B1
     clouds: Clouds | None
+    objects: Mapping[tuple[int, int], BelievedObject] = field(default_factory=dict)
 
 
 def read_localized(folder: Path) -> Localized:
-    """Read trajectory.tum, states.csv, health.csv and, where it is there, particles.npz.
+    """Read trajectory.tum, states.csv, health.csv and, where they are there, objects.csv and particles.npz.
 
     Raises
     ------
@@ -115,13 +124,14 @@ def read_localized(folder: Path) -> Localized:
     ):
         states = _rows(folder / "states.csv")
         health = _rows(folder / "health.csv")
-        particles = folder / "particles.npz"
+        objects, particles = folder / "objects.csv", folder / "particles.npz"
         return Localized(
             trajectory,
             _most_believed(states),
             np.array([parse_stamp(row["stamp_s"]) for row in health], dtype=np.int64),
             np.array([row["verdict"] == "lost" for row in health], dtype=bool),
             _read_clouds(particles) if particles.exists() else None,
+            parse_beliefs(_rows(objects)) if objects.exists() else {},
         )
 
 
@@ -200,6 +210,7 @@ def score_localization(
     truth: Truth,
     learned: LearnedStates | None = None,
     map_truth: Truth | None = None,
+    object_shares: ObjectShares | None = None,
 ) -> Score:
     """Errors, success, convergence, states and verdicts.
 
@@ -212,6 +223,8 @@ def score_localization(
     learned, map_truth : LearnedStates and Truth, optional
         Patch map it was localized in, and the truth of the recording that this was built from. Without them the
         poses are taken to be in the frame of the truth, and nothing is said about states.
+    object_shares : ObjectShares, optional
+        Of the objects of that patch map; without them nothing is said about objects.
     """
     frame = np.zeros(3) if learned is None else learned.truth_from_map
     position_m, heading_rad = pose_errors(localized, truth, frame)
@@ -236,6 +249,8 @@ def score_localization(
     values |= _verdicts(localized, stamps, is_good)
     if learned is not None and map_truth is not None:
         values |= state_measures(localized.believed, truth, learned, map_truth)
+    if object_shares is not None:
+        values |= object_measures(localized.objects, object_shares, truth, SURE)
     seconds = (stamps - stamps[0]) * 1e-9
     series = {
         "seconds": seconds,

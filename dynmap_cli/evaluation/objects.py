@@ -20,7 +20,7 @@ from dynmap_cli.evaluation.states import read_learned_states, score_states
 from dynmap_cli.evaluation.truth import Run, Truth, read_run, same_scans
 from dynmap_cli.files.patch_archive import read_patches, read_visits
 
-_ON_SHARE, _OFF_SHARE = 0.6, 0.4
+ON_SHARE, OFF_SHARE = 0.6, 0.4
 _LEAST_HITS, _LEAST_BEAMS, _SEEN_SHARE, _RANGE_M = 2, 3.0, 0.25, 12.0
 
 
@@ -52,8 +52,8 @@ def score_objects(
     counts: Counter[str] = Counter()
     for patch_set in patch_sets:
         own = [visit for visit in visits if visit.submap_id == patch_set.submap_id]
-        covers = _covered_cells(run, truth, patch_set.frame)
-        shares = [_shares(thing, covers, truth) for thing in patch_set.objects]
+        covers = covered_cells(run, truth, patch_set.frame)
+        shares = [cell_shares(thing, covers, truth) for thing in patch_set.objects]
         for visit in own:
             crossed = _crossed(run, visit, patch_set.frame)
             for thing, share in zip(patch_set.objects, shares, strict=True):
@@ -77,7 +77,7 @@ def score_objects(
     return Score(name, 1.0, values)
 
 
-def _covered_cells(run: Run, truth: Truth, frame: GridFrame) -> dict[tuple[int, int], B1]:
+def covered_cells(run: Run, truth: Truth, frame: GridFrame) -> dict[tuple[int, int], B1]:
     """For each thing and state, the cells (rows, cols) of a sub-map that beams truly hit it in, and those beside."""
     mine, theirs = same_scans(run.log.stamps_ns, truth)
     log, classes = run.log.select(mine), truth.beam_class[theirs]
@@ -96,7 +96,7 @@ def _covered_cells(run: Run, truth: Truth, frame: GridFrame) -> dict[tuple[int, 
     return covers
 
 
-def _shares(thing: ChangingObject, covers: Mapping[tuple[int, int], B1], truth: Truth) -> list[F64]:
+def cell_shares(thing: ChangingObject, covers: Mapping[tuple[int, int], B1], truth: Truth) -> list[F64]:
     """For each true thing the share of the cells of an object that each of its states covers."""
     return [
         np.array(
@@ -118,9 +118,9 @@ def _truly_on(visit: Visit, shares: Sequence[F64], truth: Truth) -> bool | None:
     largest = [max(share[state] for share, state in zip(shares, row, strict=True)) for row in rows.tolist()]
     if not largest:
         return None
-    if min(largest) >= _ON_SHARE:
+    if min(largest) >= ON_SHARE:
         return True
-    return False if max(largest) <= _OFF_SHARE else None
+    return False if max(largest) <= OFF_SHARE else None
 
 
 def _crossed(run: Run, visit: Visit, frame: GridFrame) -> B1:

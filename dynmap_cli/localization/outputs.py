@@ -1,22 +1,23 @@
-"""The files of a localization: poses.csv, states.csv, health.csv, particles.npz."""
+"""The files of a localization: poses.csv, states.csv, objects.csv, health.csv, particles.npz."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.files.trajectory import format_stamp
-from dynmap_cli.localization.found import HealthRow, Localization, StateRow
-from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.pose_rows import PoseRow
+from dynmap_cli.localization.state_tables import ObjectBelief, PatchBelief
 
 POSES_HEADER = (
     "stamp_s,x_m,y_m,yaw_rad,xx_m2,xy_m2,x_yaw_m_rad,yy_m2,y_yaw_m_rad,yaw_yaw_rad2,"
     "best_x_m,best_y_m,best_yaw_rad,cluster_weight"
 )
 STATES_HEADER = "stamp_s,submap,patch,probability"
+OBJECTS_HEADER = "stamp_s,submap,object,probability_on"
 HEALTH_HEADER = (
     "stamp_s,explained,explained_by_other_state,unexplained,log_likelihood_per_beam,"
     "effective_particles,patch_entropy_bits,verdict,where"
@@ -35,13 +36,22 @@ def write_poses(path: Path, rows: Sequence[PoseRow]) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def write_states(path: Path, rows: Sequence[StateRow], pool: MapPool) -> None:
+def write_states(path: Path, rows: Iterable[PatchBelief]) -> None:
     """Write one line per scan, sub-map in view and state."""
     lines = [STATES_HEADER]
     for row in rows:
-        submap = pool.submaps[row.submap]
-        for patch_id, probability in zip(submap.patch_ids, row.belief.tolist(), strict=True):
-            lines.append(f"{format_stamp(row.stamp_ns)},{submap.submap_id},{patch_id},{probability:.6f}")
+        for patch_id, probability in zip(row.patch_ids, row.belief.tolist(), strict=True):
+            lines.append(f"{format_stamp(row.stamp_ns)},{row.submap_id},{patch_id},{probability:.6f}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def write_objects(path: Path, rows: Iterable[ObjectBelief]) -> None:
+    """Write one line per scan and object in view."""
+    lines = [OBJECTS_HEADER]
+    lines += [
+        f"{format_stamp(row.stamp_ns)},{row.submap_id},{row.object_id},{row.probability_on:.6f}"
+        for row in rows
+    ]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 

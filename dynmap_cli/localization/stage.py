@@ -1,9 +1,8 @@
-"""The door of the room: maps and a recording -> trajectory.tum, poses.csv, states.csv, health.csv."""
+"""The door of the room: maps and a recording -> trajectory.tum, poses.csv, states.csv, objects.csv, health.csv."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from dynmap_cli.domain.grid import CountingMap, OccupancyGrid
@@ -14,11 +13,19 @@ from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.beam_model import with_beam_model
 from dynmap_cli.localization.changes import is_another_place
-from dynmap_cli.localization.found import HealthRow, Localization
-from dynmap_cli.localization.map_pool import MapPool, make_map_pool
-from dynmap_cli.localization.outputs import write_health, write_particles, write_poses, write_states
+from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.object_states import Part, object_parts, whole_parts
+from dynmap_cli.localization.outputs import (
+    write_health,
+    write_objects,
+    write_particles,
+    write_poses,
+    write_states,
+)
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.smoothing import Smoothed, smooth
+from dynmap_cli.localization.smoothing import smooth
+from dynmap_cli.localization.state_tables import object_beliefs, patch_beliefs
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.progress import progress
@@ -36,33 +43,34 @@ def run(context: StageContext) -> dict[str, Any]:
     grid, warnings = read_map(context.map_yaml or context.run_dir / "map" / "map.yaml")
     _check_start(settings, grid)
     patch_sets = _patch_sets(context)
-    pool = make_map_pool(grid, patch_sets, settings)
+    parts = _parts(context, patch_sets)
+    pool = make_map_pool(grid, [part.states for part in parts], settings)
     if settings.sensor == "beam":
-        pool = with_beam_model(pool, grid, _counting_map(context), patch_sets)
+        pool = with_beam_model(pool, grid, _counting_map(context), [part.states for part in parts])
     with progress("localize", log.n_scans, "scans") as tick:
         found = localize_log(
             log, pool, settings, seed=context.config.seed, threads=context.threads, tick=tick
         )
     write_tum(context.out_dir / "trajectory.tum", found.trajectory)
     write_poses(context.out_dir / "poses.csv", found.poses)
-    write_states(context.out_dir / "states.csv", found.states, pool)
+    believed = patch_beliefs(found.states, pool, parts, patch_sets)
+    write_states(context.out_dir / "states.csv", believed)
+    write_objects(context.out_dir / "objects.csv", object_beliefs(found.states, parts))
     write_health(context.out_dir / "health.csv", found.health)
     if settings.smooth:
-        _write_smoothed(context.out_dir / "smoothed", smooth(log, pool, found, settings), found, pool)
+        smoothed = smooth(log, pool, found, settings)
+        folder = context.out_dir / "smoothed"
+        folder.mkdir()
+        write_tum(folder / "trajectory.tum", smoothed.trajectory)
+        write_states(folder / "states.csv", patch_beliefs(smoothed.states, pool, parts, patch_sets))
+        write_objects(folder / "objects.csv", object_beliefs(smoothed.states, parts))
+        write_health(folder / "health.csv", found.health)
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
-    summary = summarize(found, pool, _names(context))
+    summary = summarize(found, believed, _names(context))
     warnings += [*found.warnings, *_warn_of_losses(summary["lost"], found.health)]
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
-
-
-def _write_smoothed(folder: Path, smoothed: Smoothed, found: Localization, pool: MapPool) -> None:
-    """Write poses and states that know what came later, beside the verdicts of the filter, as in the folder above."""
-    folder.mkdir()
-    write_tum(folder / "trajectory.tum", smoothed.trajectory)
-    write_states(folder / "states.csv", smoothed.states, pool)
-    write_health(folder / "health.csv", found.health)
 
 
 def _warn_of_losses(lost_share: float, rows: Sequence[HealthRow]) -> list[str]:
@@ -112,6 +120,15 @@ def _patch_sets(context: StageContext) -> tuple[PatchSet, ...]:
     return read_patches(context.run_dir / "patches" / "patches.zip")
 
 
+def _parts(context: StageContext, patch_sets: Sequence[PatchSet]) -> tuple[Part, ...]:
+    """What has a belief of its own: sub-maps, or the objects in them."""
+    if context.config.localization.states != "objects" or not patch_sets:
+        return whole_parts(patch_sets)
+    from dynmap_cli.files.patch_archive import read_visits
+
+    return object_parts(patch_sets, read_visits(context.run_dir / "patches" / "patches.zip"))
+
+
 def _counting_map(context: StageContext) -> CountingMap | None:
     """How often the cells of the run's map reflect; a plain map_server map does not say."""
     if context.map_yaml is not None:
@@ -136,7 +153,7 @@ STAGE = Stage(
     section="localization",
     folder="",
     reads=("scans/", "map/", "patches/"),
-    writes=("trajectory.tum", "poses.csv", "states.csv", "health.csv"),
+    writes=("trajectory.tum", "poses.csv", "states.csv", "objects.csv", "health.csv"),
     run=run,
     seeded=True,
 )

@@ -9,16 +9,27 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.localization.changes import changed_line
-from dynmap_cli.localization.found import Localization, StateRow
-from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.found import Localization
+from dynmap_cli.localization.state_tables import PatchBelief
 
 VERDICTS = ("tracking", "changed", "lost")
 SURE = 0.8
 """A state counts as seen when its probability reaches this."""
 
 
-def summarize(found: Localization, pool: MapPool, names: Mapping[int, str]) -> dict[str, Any]:
-    """What was found, as numbers and as sentences; *names* are what people call the sub-maps, "" = nothing."""
+def summarize(
+    found: Localization, believed: Sequence[PatchBelief], names: Mapping[int, str]
+) -> dict[str, Any]:
+    """What was found, as numbers and as sentences.
+
+    Parameters
+    ----------
+    found : Localization
+    believed : sequence of PatchBelief
+        By time.
+    names : mapping of int to str
+        What people call the sub-maps, "" = nothing.
+    """
     verdicts = Counter(row.verdict for row in found.health)
     n_updates = max(len(found.health), 1)
     n_scans = int(found.trajectory.stamps_ns.size)
@@ -34,10 +45,12 @@ def summarize(found: Localization, pool: MapPool, names: Mapping[int, str]) -> d
     lines = [f"{n_scans} scans: {', '.join(words)}"]
     if changed := changed_line(found.health, first_ns):
         lines.append(changed)
+    by_submap: dict[int, list[PatchBelief]] = {}
+    for row in believed:
+        by_submap.setdefault(row.submap_id, []).append(row)
     lines += [
-        f"sub-map {_called(pool.submaps[number].submap_id, names)}: {history}"
-        for number in range(len(pool.submaps))
-        if (history := _history([row for row in found.states if row.submap == number], pool, first_ns))
+        f"sub-map {_called(submap_id, names)}: {_history(rows, first_ns)}"
+        for submap_id, rows in sorted(by_submap.items())
     ]
     return {
         "scans": n_scans,
@@ -45,7 +58,7 @@ def summarize(found: Localization, pool: MapPool, names: Mapping[int, str]) -> d
         "path_m": round(found.trajectory.length_m(), 3),
         **{verdict: round(share, 4) for verdict, share in shares.items()},
         "searches": len(found.searches),
-        "submaps_seen": len({row.submap for row in found.states}),
+        "submaps_seen": len(by_submap),
         "lines": lines,
     }
 
@@ -56,7 +69,7 @@ def _called(submap_id: int, names: Mapping[int, str]) -> str:
     return f"{submap_id} ({name})" if name else str(submap_id)
 
 
-def _history(rows: Sequence[StateRow], pool: MapPool, first_ns: int) -> str:
+def _history(rows: Sequence[PatchBelief], first_ns: int) -> str:
     """States of one sub-map in the order in which they were believed, with the times of the changes."""
     words: list[str] = []
     current = None
@@ -64,12 +77,12 @@ def _history(rows: Sequence[StateRow], pool: MapPool, first_ns: int) -> str:
         state = int(np.argmax(row.belief))
         if state == current or row.belief[state] < SURE:
             continue
-        patch_id = pool.submaps[row.submap].patch_ids[state]
+        patch_id = row.patch_ids[state]
         if current is None:
             words.append(f"state {patch_id}")
         else:
             words.append(f"-> {patch_id}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
         current = state
     if current is None:
-        return "seen, its state stayed open" if rows else ""
+        return "seen, its state stayed open"
     return " ".join(words) + f" ({rows[-1].belief.max():.2f})"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dynmap_cli.evaluation.localization import read_localized, score_localization
+from dynmap_cli.evaluation.object_beliefs import read_object_shares
 from dynmap_cli.evaluation.scores import Score
 from dynmap_cli.evaluation.states import read_learned_states
 from dynmap_cli.simulation import load_scenario, simulate
@@ -26,10 +27,13 @@ OTHER_DAY = 100
 """Added to the seed of the mapped recording: other states at other times, other noise."""
 METHODS = (
     "patch map",
+    "patch map, a belief per object",
     "patch map, state in each particle",
     "plain, filtered map",
     "plain, average of all states",
 )
+STATES_OF = {METHODS[1]: "objects", METHODS[2]: "sampled"}
+"""`localization.states` of the methods that do not take the default."""
 _COLUMNS = {
     "success": "success",
     "time_to_converge_s": "converged, s",
@@ -40,6 +44,8 @@ _COLUMNS = {
     "state_mapped_share": "state ever mapped",
     "state_accuracy_when_mapped": "right of those mapped",
     "state_sure_share": "state sure",
+    "object_accuracy": "object right",
+    "object_sure_share": "object sure",
     "state_changes_noticed_share": "changes noticed",
     "state_delay_median_s": "delay, s",
     "false_alarm_share": 'false "lost"',
@@ -67,22 +73,22 @@ def judge(
     """Localize a recording and compare it with its truth; without *map_yaml* in the run's patch map."""
     name = f"{run_dir.name}-{method.replace(', ', '-').replace(' ', '-')}"
     words: tuple[object, ...] = (run_dir, recording) if map_yaml is None else ("--map", map_yaml, recording)
-    if method == METHODS[1]:
-        words += ("--set", "localization.states=sampled")
+    if method in STATES_OF:
+        words += ("--set", f"localization.states={STATES_OF[method]}")
     out_dir, cost = bench.localized(name, *words)
     truth, map_truth = truth_of(recording), truth_of(mapped)
     learned = bench.jobs.once(("learned", run_dir.name), lambda: read_learned_states(run_dir, map_truth))
-    score = score_localization(
-        name, read_localized(out_dir), truth, learned, map_truth if map_yaml is None else None
-    )
+    shares = bench.jobs.once(("objects", run_dir.name), lambda: read_object_shares(run_dir, map_truth))
+    with_states = (map_truth, shares) if map_yaml is None else (None, None)
+    score = score_localization(name, read_localized(out_dir), truth, learned, *with_states)
     return Localized(score, 1000.0 * cost.cpu_s / truth.trajectory.stamps_ns.size)
 
 
 def plain_map(bench: Bench, run_dir: Path, method: str) -> Path | None:
     """The map of a plain method: that of the run, or one with all states of each sub-map; None for patch maps."""
-    if method == METHODS[2]:
+    if method == METHODS[3]:
         return run_dir / "map" / "map.yaml"
-    if method != METHODS[3]:
+    if method != METHODS[4]:
         return None
 
     def make() -> Path:
@@ -141,7 +147,8 @@ def tables(bench: Bench) -> list[Table]:
             "run after convergence; errors are those after convergence; a state is sure from 0.8 on; "
             "a patch is the state of all objects of its sub-map together, and where they were never seen "
             "like this while the map was made no patch is right: how often one could be, and was, are columns "
-            "of their own; the delay of a "
+            "of their own; so are objects one by one, where beams tell on from off (with a belief per object) or "
+            "any states of their sub-map apart; the delay of a "
             f"change in view is a median. Mean over {len(bench.seeds)} seeds, with the 5 and 95 % band "
             f"of its bootstrap. "
             "*Plain* is Monte Carlo localization without patches, in the filtered map of the same run "
@@ -177,11 +184,12 @@ def _cells(results: list[Localized]) -> Row:
 def _short(results: dict[tuple[str, str], list[Future[Localized]]], world: str) -> str:
     words = []
     for (of_world, method), jobs in results.items():
-        if of_world == world and method != METHODS[1]:
+        if of_world == world and method != METHODS[2]:
             found = bands_of([job.result().score for job in jobs])
             words.append(
                 f"{method}: {banded(found['position_error_mean_m'])} m, success {found['success'].mean:.2f}"
             )
-            if "state_accuracy" in found:
-                words[-1] += f", state right {found['state_accuracy'].mean:.3f}"
+            for measure, name in (("state_accuracy", "state"), ("object_accuracy", "object")):
+                if measure in found:
+                    words[-1] += f", {name} right {found[measure].mean:.3f}"
     return "; ".join(words)

@@ -3,10 +3,10 @@
 import numpy as np
 
 from dynmap_cli.clustering.corrections import apply_corrections, merge_states
-from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.domain.corrections import Drop, Merge, Place
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.patches import Patch, PatchSet, Visit, cells_that_vary
+from dynmap_cli.domain.staying import stay_probability
 from dynmap_cli.domain.submaps import SubMap
 
 FRAME = GridFrame(0.05, 1.0, 2.0, 2, 3)

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from dynmap_cli.clustering.staying import stay_probability
 from dynmap_cli.domain.patches import Visit
+from dynmap_cli.domain.staying import stay_probability
 
 
 def visits(patches, every_s=60.0):
