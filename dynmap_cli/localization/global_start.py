@@ -14,7 +14,7 @@ from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.modes import Look, judge_modes, look_scores
+from dynmap_cli.localization.modes import Look, judge_modes, judged_look, look_scores
 from dynmap_cli.localization.particle_filter import Particles, make_particles
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -82,8 +82,9 @@ def search_again(
     Returns
     -------
     Particles or None
-        None where nothing explains the scans clearly better than the *current* poses (n, 3): then the
-        world has changed, and the robot stays where it is believed to be.
+        None where nothing explains the scans clearly better than the *current* poses (n, 3), all beams and
+        those alone that the map can judge from there: then the world has changed, or the robot is where the
+        map knows little, and stays where it is believed to be.
     """
     candidates = lattice_candidates(log, scan, pool, settings, executor)
     looks = [_look(log, scan, scan, settings)]
@@ -93,9 +94,12 @@ def search_again(
         candidates = _with_look(candidates, looks[-1], pool, settings)
         rivals = _with_look(rivals, looks[-1], pool, settings)
     candidates = _judged(candidates, looks, pool, settings)
-    rivals = _judged(rivals, looks, pool, settings)
-    if candidates.scores.max() <= rivals.scores.max() + CLEARLY_BETTER:
-        return None
+    here = rivals.poses[int(np.argmax(rivals.scores))]
+    judged = [judged_look(look, here, pool) for look in looks]
+    for ways in (looks, judged):
+        best, known = (_best_score(poses, ways, pool, settings) for poses in (candidates.poses, rivals.poses))
+        if best <= known + CLEARLY_BETTER:
+            return None
     return draw_start(candidates, settings, random)
 
 
@@ -183,6 +187,12 @@ def _judged(
     """The candidates in the best places, less what the walls cost that their beams would go through."""
     kept, scores = judge_modes(candidates.poses, candidates.scores, looks, pool, settings)
     return Candidates(candidates.poses[kept], scores)
+
+
+def _best_score(poses: F64, looks: list[Look], pool: MapPool, settings: LocalizationSettings) -> float:
+    """Of the best place among poses (n, 3), less what the walls cost."""
+    total = sum((look_scores(look, poses, pool, settings) for look in looks), np.zeros(len(poses)))
+    return float(judge_modes(poses, total, looks, pool, settings)[1].max())
 
 
 def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[int]:

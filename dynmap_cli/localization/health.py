@@ -2,9 +2,10 @@
 
 Neither the likelihood nor the share of explained beams tells the two apart: a place with eight new boxes
 looks worse than a wrong pose. But people and new objects *shorten* beams; only a wrong pose, or a wall
-that was torn down, lets beams pass *through* walls. A gap in a wall lets a bundle of beams through in one
-place, a wrong pose lets them through in many. What remains in doubt is settled by a search for a better
-pose in the whole map: a robot that is lost fits better somewhere else.
+that was torn down, lets beams pass *through* walls. What lies where the map knows nothing speaks neither
+for nor against a pose, so shares are taken of the beams that the map can judge: a robot that drives into a
+room that was never mapped is not lost. What remains in doubt is settled by a search for a better pose in
+the whole map: a robot that is lost fits better somewhere else.
 """
 
 from __future__ import annotations
@@ -26,10 +27,13 @@ OVERSHOOT_M = 0.5
 APART_M = 0.6
 """Beams next to each other that cross walls further apart than this go through in two places."""
 SCANS = 6
-UNEXPLAINED_WEIGHT = 5.0
-"""One more place in walls that beams go through says as much as a fifth of the beams unexplained."""
+UNEXPLAINED_WEIGHT, THROUGH_WEIGHT, OPENED_WEIGHT = 5.0, 25.0, 5.0
+"""Of the share of the judged beams that end on nothing in the open, that go through a wall and end where the map
+knows that nothing is, and that go through a wall and end where it knows nothing, as through a door that was shut."""
+LEAST_JUDGED = 0.25
+"""A scan of which the map can judge a smaller share of the beams says nothing of the pose."""
 DOUBT, LOST = 1.2, 3.0
-"""Of the mean of places and weighted share: from where on the map is searched for a better pose, and from where on
+"""Of the mean of the lost measure: from where on the map is searched for a better pose, and from where on
 the robot is lost even if there is none."""
 CHANGED_SHARE = 0.05
 SEARCH_AFTER = 3
@@ -50,8 +54,10 @@ class ScanHealth:
         End near something in another state of a sub-map.
     unexplained : float
         The rest.
-    places_through : int
-        In how many places unexplained beams went through static walls.
+    through : float
+        Unexplained, went through static walls and end where the map is free.
+    opened : float
+        Unexplained, went through static walls and end where the map knows nothing.
     changed : float
         Show what the map has not, a thing or an opening, and something has been seen there for 5 s.
     where : Place or None
@@ -63,10 +69,16 @@ class ScanHealth:
     explained: float
     explained_by_other_state: float
     unexplained: float
-    places_through: int
+    through: float
+    opened: float
     changed: float
     where: Place | None = None
     off_map: float = 0.0
+
+    @property
+    def judged(self) -> float:
+        """Share of the beams of which the map can say whether they fit."""
+        return 1.0 - self.off_map - self.opened
 
 
 class Novelties:
@@ -99,8 +111,7 @@ def scan_health(
     unexplained = ~(now | other)
     crossings, through = _walls_crossed(placed, pool)
     crossings, through = crossings[hits], through[hits]
-    cells = np.clip(pool.frame.to_cells(ends), 0, np.array(pool.frame.shape) - 1)
-    off_map = unexplained & ~through & ~pool.free[cells[:, 0], cells[:, 1]]
+    in_free = _in_free(ends, pool)
     things, openings = ends[unexplained & ~through], crossings[through]
     things = things[novelties.things.see(things, now_s)]
     openings = openings[novelties.openings.see(openings, now_s)]
@@ -108,10 +119,11 @@ def scan_health(
         explained=float(now.sum()) / n_hits,
         explained_by_other_state=float(other.sum()) / n_hits,
         unexplained=float(unexplained.sum()) / n_hits,
-        places_through=_count_places(crossings[through & unexplained]),
+        through=float((unexplained & through & in_free).sum()) / n_hits,
+        opened=float((unexplained & through & ~in_free).sum()) / n_hits,
         changed=(len(things) + len(openings)) / n_hits,
         where=main_place(things, openings, [pool.submaps[number] for number in likeliest]),
-        off_map=float(off_map.sum()) / n_hits,
+        off_map=float((unexplained & ~through & ~in_free).sum()) / n_hits,
     )
 
 
@@ -128,7 +140,8 @@ class Verdict:
 
     def judge(self, health: ScanHealth, estimate: Estimate) -> str:
         """Take one more scan into account."""
-        self._measures.append(lost_measure(health))
+        if health.judged >= LEAST_JUDGED:
+            self._measures.append(lost_measure(health))
         if not estimate.is_one_mode or self._mean() > LOST:
             return "lost"
         return "changed" if health.changed > CHANGED_SHARE else "tracking"
@@ -139,7 +152,11 @@ class Verdict:
 
 def lost_measure(health: ScanHealth) -> float:
     """How much one scan speaks for a wrong pose."""
-    return health.places_through + UNEXPLAINED_WEIGHT * (health.unexplained - health.off_map)
+    in_the_open = health.unexplained - health.off_map - health.through - health.opened
+    weighed = (
+        UNEXPLAINED_WEIGHT * in_the_open + THROUGH_WEIGHT * health.through + OPENED_WEIGHT * health.opened
+    )
+    return weighed / max(health.judged, LEAST_JUDGED)
 
 
 class Patience:
@@ -168,6 +185,19 @@ def count_places_through(placed: PlacedSweep, pool: MapPool) -> int:
     through &= placed.hits
     now, other = _explained(placed.ends_m[through], pool, dict.fromkeys(range(len(pool.submaps)), 0))
     return _count_places(crossings[through][~(now | other)])
+
+
+def ends_off_map(placed: PlacedSweep, pool: MapPool) -> B1:
+    """Which beams end near nothing in any state, through no wall, where the map knows nothing."""
+    _, through = _walls_crossed(placed, pool)
+    now, other = _explained(placed.ends_m, pool, dict.fromkeys(range(len(pool.submaps)), 0))
+    return placed.hits & ~(now | other | through | _in_free(placed.ends_m, pool))
+
+
+def _in_free(points_m: F64, pool: MapPool) -> B1:
+    """Which points (n, 2) lie where the map is free."""
+    rows, cols = np.clip(pool.frame.to_cells(points_m), 0, np.array(pool.frame.shape) - 1).T
+    return np.asarray(pool.free[rows, cols])
 
 
 def _count_places(crossings_m: F64) -> int:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import compose, wrap_angle
-from dynmap_cli.localization.health import count_places_through
+from dynmap_cli.localization.health import count_places_through, ends_off_map
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, temper
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -37,17 +37,31 @@ class Look:
     sweep : Sweep
     step : (3,) float64
         From the pose that the candidates stand for to that of this scan.
+    weight : float
+        Of the scan: the share of its beams that are left in it.
     """
 
     sweep: Sweep
     step: F64
+    weight: float = 1.0
 
 
 def look_scores(look: Look, poses: F64, pool: MapPool, settings: LocalizationSettings) -> F64:
     """Tempered log-likelihood of a scan from each pose (n, 3), in the blunt field of all states."""
     ends = pose_ends(look.sweep, START_BEAMS)
     moved = compose(poses, look.step)
-    return temper(ends.shape[0], settings) * scan_log_likelihoods(pool.start_field, pool.frame, moved, ends)
+    exponent = look.weight * temper(ends.shape[0], settings)
+    return exponent * scan_log_likelihoods(pool.start_field, pool.frame, moved, ends)
+
+
+def judged_look(look: Look, pose: F64, pool: MapPool) -> Look:
+    """A scan without the beams that end where the map knows nothing, seen from a pose (3,) at the first scan."""
+    placed = place_sweep(look.sweep, compose(pose, look.step))
+    judged = ~ends_off_map(placed, pool)
+    share = float((judged & placed.hits).sum()) / max(int(placed.hits.sum()), 1)
+    sweep = look.sweep
+    kept = replace(sweep, directions_rad=sweep.directions_rad[judged], ranges_m=sweep.ranges_m[judged])
+    return Look(kept, look.step, share)
 
 
 def judge_modes(

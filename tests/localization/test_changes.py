@@ -6,8 +6,8 @@ from dynmap_cli.localization.health import ScanHealth
 from dynmap_cli.localization.places import Place
 
 
-def row(second, verdict="tracking", place=None, changed=0.0, unexplained=0.0, places_through=0):
-    health = ScanHealth(1.0 - unexplained, 0.0, unexplained, places_through, changed, place)
+def row(second, verdict="tracking", place=None, changed=0.0, unexplained=0.0, through=0.0):
+    health = ScanHealth(1.0 - unexplained, 0.0, unexplained, through, 0.0, changed, place)
     return HealthRow(second * 10**9, health, -1.0, 500.0, 0.0, verdict)
 
 
@@ -45,7 +45,7 @@ def test_nothing_changed_nothing_said():
 
 
 def test_a_recording_of_another_place_contradicts_the_map_in_most_scans():
-    assert is_another_place([row(k, places_through=2, unexplained=0.3) for k in range(9)])
+    assert is_another_place([row(k, through=0.1, unexplained=0.3) for k in range(9)])
     assert not is_another_place([row(k, unexplained=0.3) for k in range(9)])
-    assert not is_another_place([row(k, places_through=5 * (k < 4)) for k in range(9)])
+    assert not is_another_place([row(k, through=0.3 * (k < 4), unexplained=0.3) for k in range(9)])
     assert not is_another_place([])

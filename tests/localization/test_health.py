@@ -25,7 +25,7 @@ from tests.localization.test_states import POSE, evidence, log_of, world
 
 FRAME = GridFrame(0.1, 0.0, 0.0, 50, 50)
 SETTINGS = LocalizationSettings()
-CALM = ScanHealth(0.95, 0.0, 0.05, 0, 0.0)
+CALM = ScanHealth(0.95, 0.0, 0.05, 0.0, 0.0, 0.0)
 
 
 def health_at(pose, shut, state):
@@ -53,8 +53,8 @@ def test_a_closed_door_that_is_believed_open_is_explained_by_the_other_state():
 
 
 def test_an_open_door_is_no_sign_of_being_lost_but_a_wrong_pose_is():
-    assert health_at(POSE, False, 0).places_through == 0
-    assert health_at([0.8, 1.0, 0.6], False, 0).places_through > 1
+    assert health_at(POSE, False, 0).through == 0.0
+    assert lost_measure(health_at([0.8, 1.0, 0.6], False, 0)) > DOUBT
 
 
 def test_neighbouring_beams_go_through_one_place_and_others_through_more():
@@ -102,23 +102,40 @@ def test_the_place_of_a_change():
 def test_verdicts():
     for scan, expected, where in (
         (CALM, "tracking", estimate()),
-        (ScanHealth(0.5, 0.0, 0.5, 0, 0.0), "tracking", estimate()),
-        (ScanHealth(0.5, 0.0, 0.5, 0, 0.3), "changed", estimate()),
-        (ScanHealth(0.8, 0.0, 0.2, 4, 0.0), "lost", estimate()),
-        (ScanHealth(0.8, 0.0, 0.2, 1, 0.2), "changed", estimate()),
+        (ScanHealth(0.5, 0.0, 0.5, 0.0, 0.0, 0.0), "tracking", estimate()),
+        (ScanHealth(0.5, 0.0, 0.5, 0.0, 0.0, 0.3), "changed", estimate()),
+        (ScanHealth(0.8, 0.0, 0.2, 0.15, 0.0, 0.0), "lost", estimate()),
+        (ScanHealth(0.8, 0.0, 0.2, 0.05, 0.05, 0.2), "changed", estimate()),
         (CALM, "lost", estimate(share=0.5)),
     ):
         assert Verdict().judge(scan, where) == expected
 
 
 def test_what_lies_where_the_map_knows_nothing_speaks_for_no_wrong_pose():
-    assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 0, 0.0, off_map=0.8)) == 0.0
-    assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 1, 0.0, off_map=0.6)) > DOUBT
+    assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 0.0, 0.0, 0.0, off_map=0.8)) == 0.0
+    assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 0.1, 0.0, 0.0, off_map=0.6)) > DOUBT
+
+
+def test_a_scan_of_which_the_map_can_judge_little_changes_no_verdict():
+    verdict = Verdict()
+    lost = ScanHealth(0.7, 0.0, 0.3, 0.2, 0.0, 0.0)
+    unknown = ScanHealth(0.1, 0.0, 0.9, 0.0, 0.0, 0.0, off_map=0.85)
+    assert [verdict.judge(scan, estimate()) for scan in (lost, unknown, unknown)] == ["lost"] * 3
+
+
+def test_a_beam_through_a_wall_says_less_where_the_map_knows_nothing_behind_it():
+    into_the_free = lost_measure(ScanHealth(0.9, 0.0, 0.1, 0.1, 0.0, 0.0))
+    into_the_unknown = lost_measure(ScanHealth(0.9, 0.0, 0.1, 0.0, 0.1, 0.0))
+    on_nothing = lost_measure(CALM)
+    assert into_the_free > into_the_unknown > on_nothing > 0.0
 
 
 def test_one_bad_scan_among_six_is_no_loss_and_no_doubt():
     verdict = Verdict()
-    said = [verdict.judge(ScanHealth(0.9, 0.0, 0.1, n, 0.0), estimate()) for n in (0, 0, 3, 0, 0, 0)]
+    said = [
+        verdict.judge(ScanHealth(0.9, 0.0, 0.1, share, 0.0, 0.0), estimate())
+        for share in (0, 0, 0.1, 0, 0, 0)
+    ]
     assert said[-1] == "tracking"
     assert not verdict.is_in_doubt
 
