@@ -95,7 +95,10 @@ class LocalizationSettings(BaseModel):
         description="Belief before a state was looked at: all alike, as often as seen, or so at that hour (UTC).",
     )
     near_m: float = Field(
-        2.0, ge=0, le=20, description="Particles this close to a rectangle are in that sub-map (sampled)."
+        2.0,
+        ge=0,
+        le=20,
+        description="Particles this close to a rectangle are in that sub-map, where each has a state of its own.",
     )
     view_m: float = Field(
         8.0, ge=0.1, le=1000, description="States are learned from beams that reach them within this."
