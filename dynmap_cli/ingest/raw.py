@@ -13,8 +13,46 @@ from dynmap_cli.ingest.columns import Growing
 from dynmap_cli.ingest.raw_laser import RawLaser
 
 
-class RawOdometry:
-    """One source of odometry poses.
+class StampedRows:
+    """Stamps, and a row of numbers at each, in the order of recording.
+
+    Parameters
+    ----------
+    width : int
+        Numbers in a row.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._stamps_ns = Growing(np.int64)
+        self._rows = Growing(np.float64, width)
+
+    def add(self, stamp_ns: int, row: tuple[float, ...]) -> None:
+        """Append one row."""
+        self._stamps_ns.add(stamp_ns)
+        self._rows.add(row)
+
+    def add_many(self, stamps_ns: I64, rows: F64) -> None:
+        """Append rows (n, width)."""
+        self._stamps_ns.extend(stamps_ns)
+        self._rows.extend(rows)
+
+    @property
+    def stamps_ns(self) -> I64:
+        """(n,) in the order of recording."""
+        return self._stamps_ns.rows
+
+    @stamps_ns.setter
+    def stamps_ns(self, stamps_ns: I64) -> None:
+        self._stamps_ns.rows = stamps_ns
+
+    def give_back(self) -> None:
+        """Take what is in files out of memory."""
+        self._stamps_ns.give_back()
+        self._rows.give_back()
+
+
+class RawOdometry(StampedRows):
+    """One source of odometry poses: x, y in metres, yaw in radians.
 
     Parameters
     ----------
@@ -25,46 +63,21 @@ class RawOdometry:
     """
 
     def __init__(self, name: str, frame: str = "", child: str = "") -> None:
+        super().__init__(3)
         self.name, self.frame, self.child = name, frame, child
-        self._stamps_ns = Growing(np.int64)
-        self._poses = Growing(np.float64, 3)
-
-    def add(self, stamp_ns: int, pose: tuple[float, float, float]) -> None:
-        """Append a pose: x, y in metres, yaw in radians."""
-        self._stamps_ns.add(stamp_ns)
-        self._poses.add(pose)
-
-    def add_many(self, stamps_ns: I64, poses: F64) -> None:
-        """Append poses (n, 3)."""
-        self._stamps_ns.extend(stamps_ns)
-        self._poses.extend(poses)
-
-    @property
-    def stamps_ns(self) -> I64:
-        """(n,) in the order of recording."""
-        return self._stamps_ns.rows
-
-    @stamps_ns.setter
-    def stamps_ns(self, stamps_ns: I64) -> None:
-        self._stamps_ns.rows = stamps_ns
-
-    def give_back(self) -> None:
-        """Take what is in files out of memory."""
-        self._stamps_ns.give_back()
-        self._poses.give_back()
 
     @property
     def poses(self) -> F64:
         """(n, 3) in the order of recording."""
-        return self._poses.rows
+        return self._rows.rows
 
     def as_arrays(self) -> tuple[I64, F64]:
         """Stamps (n,) ascending, and poses (n, 3)."""
         return sorted_by_stamp(self.stamps_ns, self.poses)
 
 
-class RawTransform:
-    """All transforms published for one pair of frames.
+class RawTransform(StampedRows):
+    """All transforms published for one pair of frames: parent_from_child as x, y, z, qx, qy, qz, qw.
 
     Parameters
     ----------
@@ -73,38 +86,13 @@ class RawTransform:
     """
 
     def __init__(self, is_static: bool) -> None:
+        super().__init__(7)
         self.is_static = is_static
-        self._stamps_ns = Growing(np.int64)
-        self._values = Growing(np.float64, 7)
-
-    def add(self, stamp_ns: int, values: tuple[float, ...]) -> None:
-        """Append parent_from_child as x, y, z, qx, qy, qz, qw."""
-        self._stamps_ns.add(stamp_ns)
-        self._values.add(values)
-
-    def add_many(self, stamps_ns: I64, values: F64) -> None:
-        """Append transforms (n, 7)."""
-        self._stamps_ns.extend(stamps_ns)
-        self._values.extend(values)
-
-    @property
-    def stamps_ns(self) -> I64:
-        """(n,) in the order of recording."""
-        return self._stamps_ns.rows
-
-    @stamps_ns.setter
-    def stamps_ns(self, stamps_ns: I64) -> None:
-        self._stamps_ns.rows = stamps_ns
-
-    def give_back(self) -> None:
-        """Take what is in files out of memory."""
-        self._stamps_ns.give_back()
-        self._values.give_back()
 
     @property
     def values(self) -> F64:
         """(n, 7) in the order of recording."""
-        return self._values.rows
+        return self._rows.rows
 
 
 @dataclass(frozen=True, slots=True)
