@@ -182,7 +182,7 @@ def _assign(values: dict[str, Any], key: str, value: Any) -> None:
         if names and dot and names[0].startswith(section + "."):
             hint = f" in section '{section}', did you mean '{names[0].partition('.')[2]}'?"
             key = last
-        msg = f"unknown setting '{key[:80]}'{hint} `dynmap config show` lists all"
+        msg = f"unknown setting '{key[:80]}'{hint or '.'} `dynmap config show` lists all"
         raise ConfigError(msg)
     section, dot, last = key.partition(".")
     if dot:
@@ -195,8 +195,14 @@ def _explain(err: ValidationError, origins: dict[str, str]) -> str:
     """One line for the first value that is not allowed."""
     first = err.errors()[0]
     key = ".".join(str(part) for part in first["loc"][:2])
-    where = origins.get(key, "settings")
-    return f"{where}: {key} = {_short(first.get('input'))} is not allowed: {first['msg']} ({known_keys().get(key, '')})"
+    said = first["msg"].removeprefix("Value error, ")
+    if key not in known_keys():
+        # Two settings that do not go together: it is not the section that is wrong.
+        given = [where for name, where in origins.items() if name.startswith(f"{key}.")]
+        return f"{given[0] if given else 'settings'}: {key}: {said}; give both so that they go together"
+    said = said[0].lower() + said[1:]
+    value = _short(first.get("input"))
+    return f"{origins.get(key, 'settings')}: {key} = {value} is not allowed: {said} ({known_keys()[key]})"
 
 
 def _short(value: object) -> str:

@@ -35,9 +35,15 @@ def check_same_recordings(folder: Path, done: Manifest | None, recordings: Mappi
         return
     msg = (
         f"{folder}: made from {_named(done.inputs)}, not from {_named(recordings)}. "
-        "Choose another output with -o, or pass --force to replace it."
+        f"Name the same recordings, choose another output with -o, {_or_update(done, recordings)}"
+        "or pass --force to replace it."
     )
     raise ArtifactError(msg)
+
+
+def _or_update(done: Manifest, recordings: Mapping[str, str]) -> str:
+    """Where a run is asked to hold more, or another recording, it may be one more drive of the same place."""
+    return "" if set(recordings.values()) <= set(done.inputs.values()) else "add to it with `dynmap update`, "
 
 
 def why_again(

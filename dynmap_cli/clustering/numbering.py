@@ -9,12 +9,17 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dynmap_cli.arrays import B1, I8
+from dynmap_cli.arrays import B1, F64, I8
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
 from dynmap_cli.domain.patches import ChangingObject, PatchSet, Visit
 
 _LEAST_AGREEMENT, _TIE_BREAK = 0.75, 1e-3
 _LEAST_SHARED = 0.5
+_SHIFTS = sorted(
+    ((row, col) for row in range(-2, 3) for col in range(-2, 3)),
+    key=lambda shift: abs(shift[0]) + abs(shift[1]),
+)
+"""Rows and columns by which a map may have moved when drives were added to it; of equal ones the least is chosen."""
 Cells = TypeVar("Cells", B1, I8)
 
 
@@ -26,7 +31,8 @@ def keep_numbers(
     Objects likewise: the number of the known object with which they share most cells, at least half of those of both.
 
     Pairs are chosen for the largest sum of agreements, each the share of the varying cells that both know which are
-    occupied in both or free in both; of pairs that agree as much those are chosen that know the same cells.
+    occupied in both or free in both, the known ones shifted by up to two cells where more agree then; of pairs
+    that agree as much those are chosen that know the same cells.
 
     Parameters
     ----------
@@ -59,17 +65,11 @@ def _numbers_of(patch_set: PatchSet, known: PatchSet | None) -> dict[int, int]:
     """Number of each patch, by the number it was learned with."""
     if known is None or known.frame.resolution_m != patch_set.frame.resolution_m:
         return {patch.patch_id: patch.patch_id for patch in patch_set.patches}
-    varying = patch_set.varying | _brought_over(known.varying, known.frame, patch_set.frame, fill=False)
-    before = [
-        _brought_over(patch.cells, known.frame, patch_set.frame, fill=UNKNOWN) for patch in known.patches
-    ]
-    agreement = np.array(
-        [[_agreement(patch.cells, cells, varying) for cells in before] for patch in patch_set.patches]
+    agreement, in_common = max(
+        (_compared(patch_set, known, shift) for shift in _SHIFTS),
+        key=lambda found: float(found[0].max(axis=1).sum()),
     )
     given: dict[int, int] = {}
-    in_common = np.array(
-        [[_known_in_common(patch.cells, cells) for cells in before] for patch in patch_set.patches]
-    )
     for row, col in zip(*linear_sum_assignment(-(agreement + _TIE_BREAK * in_common)), strict=True):
         if agreement[row, col] >= _LEAST_AGREEMENT:
             given[patch_set.patches[int(row)].patch_id] = known.patches[int(col)].patch_id
@@ -78,6 +78,19 @@ def _numbers_of(patch_set: PatchSet, known: PatchSet | None) -> dict[int, int]:
         if patch.patch_id not in given:
             given[patch.patch_id], new = new, new + 1
     return given
+
+
+def _compared(patch_set: PatchSet, known: PatchSet, shift: tuple[int, int]) -> tuple[F64, F64]:
+    """Agreement of each patch with each known one shifted by some cells, and the share of cells known in common."""
+    frame = known.frame.window(*shift, known.frame.rows, known.frame.cols)
+    varying = patch_set.varying | _brought_over(known.varying, frame, patch_set.frame, fill=False)
+    before = [_brought_over(patch.cells, frame, patch_set.frame, fill=UNKNOWN) for patch in known.patches]
+    return (
+        np.array(
+            [[_agreement(patch.cells, cells, varying) for cells in before] for patch in patch_set.patches]
+        ),
+        np.array([[_known_in_common(patch.cells, cells) for cells in before] for patch in patch_set.patches]),
+    )
 
 
 def _renumbered_objects(patch_set: PatchSet, known: PatchSet | None) -> tuple[ChangingObject, ...]:

@@ -75,14 +75,18 @@ def is_amcl_name(name: str) -> bool:
     return _ROS_1.get(name, name) in TAKEN or _ROS_1.get(name, name) in NOT_TAKEN
 
 
+_NODES = ("amcl", "/amcl", "/**/amcl", "/**")
+"""How a parameter file names the node; `/**` = any."""
+
+
 def amcl_parameters(content: Mapping[str, Any]) -> dict[str, Any] | None:
     """The parameters of AMCL in a parameter file of nav2 or of ROS 1, None if the file is none.
 
-    A nav2 file has `amcl: ros__parameters:`, in some file below a namespace; in ROS 1 the parameters stand
-    below `amcl:` or alone.
+    A nav2 file has `amcl: ros__parameters:`, or `/**:` for any node, in some files below a namespace; in ROS 1
+    the parameters stand below `amcl:` or alone.
     """
     for level in (content, *(value for value in content.values() if isinstance(value, dict))):
-        node = level.get("amcl", level.get("/amcl"))
+        node = next((level[name] for name in _NODES if name in level), None)
         if isinstance(node, dict):
             inner = node.get("ros__parameters", node)
             return dict(inner) if isinstance(inner, dict) else {}

@@ -70,7 +70,8 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
     )
     named = [str(one.place) for one in places if one.updates >= LEAST_UPDATES]
     if named:
-        more = f" and {len(named) - MOST_NAMED} more places" if len(named) > MOST_NAMED else ""
+        n_more = len(named) - MOST_NAMED
+        more = f" and {n_more} more {'place' if n_more == 1 else 'places'}" if n_more > 0 else ""
         words += f"; a map update is advised for {', '.join(named[:MOST_NAMED])}{more}"
     return words
 

@@ -32,6 +32,7 @@ from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
 _MUCH_LOST = 0.2
+_MUCH_CHANGED = 0.5
 START_MARGIN_M = 5.0
 """A robot may start where its map has no cells, but not far from them."""
 
@@ -81,10 +82,21 @@ def _warn_of_losses(lost_share: float, rows: Sequence[HealthRow]) -> list[str]:
             "do not trust states and poses"
         ]
     if lost_share <= _MUCH_LOST:
-        return []
+        return _warn_of_changes(rows)
     return [
         f"lost for {100 * lost_share:.0f} % of the recording: it probably shows another place than the map, or one "
         "that changed a lot; do not trust states and poses"
+    ]
+
+
+def _warn_of_changes(rows: Sequence[HealthRow]) -> list[str]:
+    """Where hardly a scan shows what the map shows, it may be another place that looks alike."""
+    share = sum(row.verdict == "changed" for row in rows) / max(len(rows), 1)
+    if share <= _MUCH_CHANGED:
+        return []
+    return [
+        f"the surroundings differ from the map in {100 * share:.0f} % of the recording: either much has changed, or it "
+        "was made in another place that looks alike; look at localization.png before using poses and states"
     ]
 
 

@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 _FEW_DYNAMIC = 0.02
 _LEAST_PLACES = 2
 _PAIR_REACH_M, _N_PAIRS = 2.0, 12
-_SOON_S = 3600.0
+_LONGEST_GAP_S, _SOON_S = 60.0, 3600.0
 
 
 class Site:
@@ -167,7 +167,7 @@ class Site:
         first_ns = self.drives[number].log.stamps_ns[0]
         ends_ns = [drive.log.stamps_ns[-1] for drive in self.drives if drive.log.stamps_ns[-1] < first_ns]
         pause_s = float(first_ns - max(ends_ns, default=0)) * 1e-9
-        if pause_s > _SOON_S:
+        if pause_s > _SOON_S or pause_s < _LONGEST_GAP_S:
             return ""
         return (
             "; if its odometry goes on with that of the one before, set ingest.max_gap_s above "

@@ -50,7 +50,7 @@ class SeenSubMap:
     def label(self) -> str:
         """What stands beside it."""
         if self.patch is None:
-            return f"{self.called}: not seen"
+            return f"{self.called}: {'not seen' if len(self.patch_set.patches) > 1 else 'one state is known'}"
         return f"{self.called}: state {self.patch} ({self.probability:.2f})"
 
 
