@@ -133,7 +133,11 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 def _flat(content: dict[str, Any], path: Path) -> dict[str, Any]:
     """Turn sections into "section.key" entries; a parameter file of AMCL is the section `localization`."""
     flat: dict[str, Any] = {}
-    parameters = None if content.keys() & Config.model_fields.keys() else amcl_parameters(content)
+    try:
+        parameters = None if content.keys() & Config.model_fields.keys() else amcl_parameters(content)
+    except ValueError as err:
+        msg = f"{path}: {err}"
+        raise ConfigError(msg) from err
     if parameters is not None:
         return {f"{AMCL}.{name}": value for name, value in parameters.items()}
     for section, value in content.items():

@@ -120,10 +120,17 @@ def compare(
         )
 
 
+_FOLDERS_OF_A_RUN = {"scans", "map", "submaps", "patches", "figures", "known", "timeline"}
+
+
 def _check_no_run(out_dir: Path) -> None:
     """Refuse an output folder that holds a run."""
     if manifest_path(out_dir / MAP.folder, MAP.name).exists():
         msg = f"{out_dir}: is a run directory, its scans would be replaced. Choose another output."
+        raise ArtifactError(msg)
+    above = out_dir.resolve().parent
+    if manifest_path(above / MAP.folder, MAP.name).exists() and out_dir.resolve().name in _FOLDERS_OF_A_RUN:
+        msg = f"{out_dir}: is a part of the run {above}. Choose another output."
         raise ArtifactError(msg)
 
 

@@ -26,7 +26,7 @@ class LogPath(click.Path):
         """The path as given, or that of standard input once it can be read as a file."""
         if str(value) != "-" or ctx is None:
             return super().convert(value, param, ctx)
-        if sys.stdin.isatty():
+        if sys.stdin is None or sys.stdin.isatty():
             self.fail("`-` reads a recording from a pipe, and nothing is piped", param, ctx)
         if not stat.S_ISREG(os.fstat(0).st_mode):
             _put_by(ctx)

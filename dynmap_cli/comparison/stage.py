@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.comparison.courses import Course, course_in
+from dynmap_cli.comparison.courses import Course, course_in, true_positions_m
 from dynmap_cli.comparison.maps import ComparedMap, compared_maps
 from dynmap_cli.config import Config
 from dynmap_cli.domain.poses import Trajectory, compose, interpolate, inverse
@@ -70,6 +70,13 @@ def compare(
 
     log = read_scan_log(scans_dir)
     truth = read_truth(run_dir, truth_files)
+    if truth is not None and not np.isfinite(true_positions_m(truth, log.stamps_ns)).any():
+        msg = (
+            f"{truth_files.recording}: says nothing at the times of the recording, "
+            f"{format_stamp(int(log.stamps_ns[0]))} to {format_stamp(int(log.stamps_ns[-1]))} s. "
+            "Is it the truth of this recording?"
+        )
+        raise ArtifactError(msg)
     maps, left_out = compared_maps(run_dir, most_states)
     start, by = common_start(log, maps[0], config, truth, threads)
     settings = config.localization.model_copy(

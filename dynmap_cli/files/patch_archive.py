@@ -178,6 +178,7 @@ def read_patches(path: Path) -> tuple[PatchSet, ...]:
         content = reader.manifest()
         resolution = content["resolution_m"]
         entries = [entry for entry in content["submaps"] if entry["patches"]]
+        _check_numbers(content["submaps"])
         states: dict[tuple[int, int], dict[int, str]] = {}
         if any(entry.get("objects") for entry in entries):
             states = parse_table(reader.member(OBJECTS_TABLE, MAX_TABLE_BYTES))
@@ -194,7 +195,9 @@ def read_visits(path: Path) -> tuple[Visit, ...]:
             for sequence, remark in entry.get("unassigned", {}).items()
         }
         rows = csv.DictReader(io.StringIO(reader.member("sequences.csv", MAX_TABLE_BYTES).decode("utf-8")))
-        return tuple(_visit(row, remarks) for row in rows)
+        visits = tuple(_visit(row, remarks) for row in rows)
+        _check_visits(content["submaps"], visits)
+        return visits
 
 
 def read_names(path: Path) -> dict[int, str]:
@@ -236,6 +239,29 @@ def _visit(row: dict[str, str], remarks: dict[tuple[int, int], str]) -> Visit:
     )
 
 
+def _check_numbers(entries: Sequence[dict[str, Any]]) -> None:
+    """Refuse a manifest in which a sub-map, or a patch of one, stands twice."""
+    for what, numbers in (
+        ("sub-map", [int(entry["id"]) for entry in entries]),
+        *(
+            (f"patch of sub-map {entry['id']}", [int(patch["id"]) for patch in entry["patches"]])
+            for entry in entries
+        ),
+    ):
+        if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
+            msg = f"the numbers {numbers} of each {what} in manifest.json: some stand twice or are negative"
+            raise ValueError(msg)
+
+
+def _check_visits(entries: Sequence[dict[str, Any]], visits: Sequence[Visit]) -> None:
+    """Refuse visits of patches that there are none of."""
+    known = {(int(entry["id"]), int(patch["id"])) for entry in entries for patch in entry["patches"]}
+    for visit in visits:
+        if visit.patch is not None and (visit.submap_id, visit.patch) not in known:
+            msg = f"sequences.csv has a visit of patch {visit.patch} of sub-map {visit.submap_id}, manifest.json has none"
+            raise ValueError(msg)
+
+
 def _patch_set(
     reader: _Reader,
     entry: dict[str, Any],
@@ -252,7 +278,7 @@ def _patch_set(
         msg = f"stay_probability {stay}, resolution_m {resolution}"
         raise ValueError(msg)
     origin_x, origin_y = (float(value) for value in entry["origin_m"])
-    if not max(abs(origin_x), abs(origin_y)) <= FARTHEST_M:
+    if not (abs(origin_x) <= FARTHEST_M and abs(origin_y) <= FARTHEST_M):
         msg = f"origin_m {entry['origin_m']}"
         raise ValueError(msg)
     patches = tuple(

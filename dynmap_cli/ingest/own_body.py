@@ -175,6 +175,16 @@ def mask_body(columns: Columns, number: int, poses: F64, range_min_m: float, bea
     )
 
 
+def unused_sectors(sectors: Sequence[MaskSector], names: Sequence[str]) -> list[str]:
+    """One sentence on each sector of a laser that is not there, for who set it believes that the robot is masked."""
+    return [
+        f"ingest.mask_sectors {start:g},{end:g},{laser[0]}: not used, the recording has no such laser but "
+        + ", ".join(sorted(names))
+        for start, end, *laser in sectors
+        if laser and laser[0] not in names
+    ]
+
+
 def mask_sectors(
     columns: Columns,
     number: int,

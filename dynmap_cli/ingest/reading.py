@@ -46,7 +46,7 @@ from dynmap_cli.ingest.odometry import (
     find_base,
     find_odometry,
 )
-from dynmap_cli.ingest.own_body import mask_body, mask_sectors
+from dynmap_cli.ingest.own_body import mask_body, mask_sectors, unused_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
@@ -133,6 +133,7 @@ def _merge_drive(
     note_odometry(columns, poses, joined)
     follows_arrival = stamps_jump(columns, out_of_order, joined)
     bearings_rad = _bearing_table(columns, mountings)
+    joined.warnings += unused_sectors(settings.mask_sectors, [choice.view.laser.name for choice in choices])
     masked = [
         _mask(columns, number, choice, mounting, poses, bearings_rad, settings)
         for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))

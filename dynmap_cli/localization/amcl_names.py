@@ -84,12 +84,28 @@ def amcl_parameters(content: Mapping[str, Any]) -> dict[str, Any] | None:
 
     A nav2 file has `amcl: ros__parameters:`, or `/**:` for any node, in some files below a namespace; in ROS 1
     the parameters stand below `amcl:` or alone.
+
+    Raises
+    ------
+    ValueError
+        If two robots have such a node, or the node has no parameters.
     """
+    below = [
+        value
+        for value in content.values()
+        if isinstance(value, dict) and any(name in value for name in _NODES)
+    ]
+    if len(below) > 1:
+        msg = f"{len(below)} nodes of AMCL, below different names; keep those of one robot"
+        raise ValueError(msg)
     for level in (content, *(value for value in content.values() if isinstance(value, dict))):
         node = next((level[name] for name in _NODES if name in level), None)
-        if isinstance(node, dict):
-            inner = node.get("ros__parameters", node)
-            return dict(inner) if isinstance(inner, dict) else {}
+        if any(name in level for name in _NODES):
+            inner = node.get("ros__parameters", node) if isinstance(node, dict) else node
+            if not isinstance(inner, dict):
+                msg = f"the node of AMCL has no 'key: value' parameters but {str(inner)[:40]!r}"
+                raise ValueError(msg)
+            return dict(inner)
     if content and all(isinstance(name, str) for name in content) and any(map(is_amcl_name, content)):
         return dict(content)
     return None
@@ -115,7 +131,12 @@ def translate(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]
     left: dict[str, list[str]] = {}
     for name, value in parameters.items():
         modern = _ROS_1.get(name, name)
-        if modern == "laser_max_range" and isinstance(value, int | float) and value <= 0:
+        if (
+            modern == "laser_max_range"
+            and isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and value <= 0
+        ):
             left.setdefault("the limit of the recorded laser is used", []).append(name)
         elif modern in TAKEN:
             if modern in given:

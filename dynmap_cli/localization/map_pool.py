@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
-from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.kernels.likelihood import own_cells
@@ -233,6 +233,12 @@ def _common_frame(frame: GridFrame, sets: Sequence[PatchSet]) -> GridFrame:
         row0, col0 = min(row0, row), min(col0, col)
         row1, col1 = max(row1, row + patch_set.frame.rows), max(col1, col + patch_set.frame.cols)
     margin = math.ceil(MARGIN_M / frame.resolution_m)
+    if (row1 - row0) * (col1 - col0) > MAX_CELLS:
+        msg = (
+            f"the sub-maps in patches.zip lie far from the map: both together are {row1 - row0} x {col1 - col0} cells, "
+            f"at most {MAX_CELLS} are allowed. Run `dynmap cluster` again with --force."
+        )
+        raise ArtifactError(msg)
     return frame.window(row0 - margin, col0 - margin, row1 - row0 + 2 * margin, col1 - col0 + 2 * margin)
 
 
