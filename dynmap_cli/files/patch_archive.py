@@ -258,7 +258,7 @@ def _check_visits(entries: Sequence[dict[str, Any]], visits: Sequence[Visit]) ->
     known = {(int(entry["id"]), int(patch["id"])) for entry in entries for patch in entry["patches"]}
     for visit in visits:
         if visit.patch is not None and (visit.submap_id, visit.patch) not in known:
-            msg = f"sequences.csv: patch {visit.patch} of sub-map {visit.submap_id} was visited, but manifest.json has none"
+            msg = f"sequences.csv: patch {visit.patch} of sub-map {visit.submap_id} was visited, manifest.json has none"
             raise ValueError(msg)
 
 
