@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
 
@@ -24,6 +25,10 @@ def publish(part: Path, folder: Path, manifest: Manifest) -> None:
     for name in previous.outputs if previous else ():
         if name not in manifest.outputs:
             (folder / name).unlink(missing_ok=True)
+            with suppress(OSError):
+                # Of a folder inside this one whose last file it was; others are not empty.
+                if (folder / name).parent != folder:
+                    (folder / name).parent.rmdir()
     manifest_path(folder, manifest.stage).unlink(missing_ok=True)
     for name in manifest.outputs:
         if (part / name).exists():

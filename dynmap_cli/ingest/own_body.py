@@ -12,6 +12,7 @@ from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.merging import Columns
+from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.settings import MaskSector
 
 _FARTHEST_M, _SAME_M = 1.0, 0.03
@@ -126,6 +127,38 @@ def own_body(ranges_m: F32, moves: Moves, range_min_m: float) -> F64:
         ):
             found[beam] = middle_m
     return found
+
+
+def mask(
+    columns: Columns,
+    number: int,
+    laser: RawLaser,
+    bearings_rad: F64,
+    yaw_rad: float,
+    poses: F64,
+    sectors: Sequence[MaskSector],
+) -> str:
+    """Take out beams in sectors that were set, and those that see the robot itself; says which.
+
+    Parameters
+    ----------
+    columns : Columns
+        Ranges of these beams become NaN.
+    number : int
+        Of the laser.
+    laser : RawLaser
+    bearings_rad : (n_geometries, n_beams) float64
+        In the frame of the laser.
+    yaw_rad : float
+        Of the laser on the robot.
+    poses : (n_scans, 3) float64
+    sectors : sequence of (from deg, to deg) or (from deg, to deg, laser)
+    """
+    said = (
+        mask_sectors(columns, number, laser.name, bearings_rad + yaw_rad, sectors),
+        mask_body(columns, number, poses, laser.usual_shape.range_min_m, bearings_rad),
+    )
+    return "; ".join(filter(None, said))
 
 
 def mask_body(columns: Columns, number: int, poses: F64, range_min_m: float, bearings_rad: F64) -> str:

@@ -46,7 +46,7 @@ from dynmap_cli.ingest.odometry import (
     find_base,
     find_odometry,
 )
-from dynmap_cli.ingest.own_body import mask_body, mask_sectors, unused_sectors
+from dynmap_cli.ingest.own_body import mask, unused_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
@@ -135,7 +135,15 @@ def _merge_drive(
     bearings_rad = _bearing_table(columns, mountings)
     joined.warnings += unused_sectors(settings.mask_sectors, [choice.view.laser.name for choice in choices])
     masked = [
-        _mask(columns, number, choice, mounting, poses, bearings_rad, settings)
+        mask(
+            columns,
+            number,
+            choice.view.laser,
+            bearings_rad,
+            mounting.robot_from_sensor[2],
+            poses,
+            settings.mask_sectors,
+        )
         for number, (choice, mounting) in enumerate(zip(used, mountings, strict=True))
     ]
     verdicts = [
@@ -299,25 +307,6 @@ def _bearing_table(columns: Columns, mountings: Sequence[Mounting]) -> F64:
         sign = -1.0 if mountings[laser].is_upside_down else 1.0
         table[row, : shape.n_beams] = sign * shape.bearings_rad
     return table
-
-
-def _mask(
-    columns: Columns,
-    number: int,
-    choice: LaserChoice,
-    mounting: Mounting,
-    poses: F64,
-    bearings_rad: F64,
-    settings: IngestSettings,
-) -> str:
-    """Take out beams in sectors that were set, and those that see the robot itself; says which."""
-    laser = choice.view.laser
-    directions_rad = bearings_rad + mounting.robot_from_sensor[2]
-    said = (
-        mask_sectors(columns, number, laser.name, directions_rad, settings.mask_sectors),
-        mask_body(columns, number, poses, laser.usual_shape.range_min_m, bearings_rad),
-    )
-    return "; ".join(filter(None, said))
 
 
 def _rewrite_ranges(
