@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32
-from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, GridFrame, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.kernels.beam_likelihood import beam_log_likelihoods
-from dynmap_cli.localization.map_pool import MapPool
+from dynmap_cli.localization.map_pool import MapPool, slices_of
 from dynmap_cli.localization.sensor import NO_WINDOW, Sweep, evenly, in_chunks
 from dynmap_cli.localization.settings import LocalizationSettings
 
@@ -47,7 +47,7 @@ def with_beam_model(
     whole = np.full(pool.frame.shape, UNKNOWN_REFLECTANCE)
     if counting_map is None:
         for value, reflectance in PLAIN_REFLECTANCE.items():
-            whole[_slices(grid.frame, pool.frame)][grid.cells == value] = reflectance
+            whole[slices_of(grid.frame, pool.frame)][grid.cells == value] = reflectance
     else:
         if counting_map.frame.shape != grid.frame.shape:
             msg = (
@@ -56,11 +56,11 @@ def with_beam_model(
             )
             raise ArtifactError(msg)
         m = counting_map.reflectance
-        whole[_slices(counting_map.frame, pool.frame)] = np.where(np.isfinite(m), m, UNKNOWN_REFLECTANCE)
+        whole[slices_of(counting_map.frame, pool.frame)] = np.where(np.isfinite(m), m, UNKNOWN_REFLECTANCE)
     fields = [log_pass_of(whole).ravel()]
     for patch_set in (each for each in patch_sets if each.patches):
         states = np.stack([patch.reflectance for patch in patch_set.patches]).astype(np.float64)
-        fields.append(log_pass_of(_filled(states, whole[_slices(patch_set.frame, pool.frame)])).ravel())
+        fields.append(log_pass_of(_filled(states, whole[slices_of(patch_set.frame, pool.frame)])).ravel())
     result = replace(pool, log_pass=np.concatenate(fields))
     for number, submap in enumerate(result.submaps):
         result.paint(number, np.full(submap.n_states, 1.0 / submap.n_states))
@@ -137,10 +137,3 @@ def _filled(states: F64, whole: F64) -> F64:
     count = known.sum(axis=0)
     mean = np.where(known, states, 0.0).sum(axis=0) / np.maximum(count, 1)
     return np.asarray(np.where(known, states, np.where(count > 0, mean, whole)))
-
-
-def _slices(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
-    """Where a frame lies in a larger one on the same cells."""
-    row = round((inner.origin_y_m - outer.origin_y_m) / outer.resolution_m)
-    col = round((inner.origin_x_m - outer.origin_x_m) / outer.resolution_m)
-    return slice(row, row + inner.rows), slice(col, col + inner.cols)

@@ -265,7 +265,7 @@ def _placed(grid: OccupancyGrid, frame: GridFrame) -> np.ndarray[tuple[int, ...]
     return cells
 
 
-def _slices(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
+def slices_of(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
     """Where a rectangle lies in the frame of the map."""
     row, col = _place(inner, outer)
     return slice(row, row + inner.rows), slice(col, col + inner.cols)
@@ -279,7 +279,7 @@ def _owners(frame: GridFrame, sets: Sequence[PatchSet]) -> I32:
     owner = np.full(frame.shape, -1, dtype=np.int32)
     for number, patch_set in enumerate(sets):
         known = np.isfinite([patch.reflectance for patch in patch_set.patches]).any(axis=0)
-        window = owner[_slices(patch_set.frame, frame)]
+        window = owner[slices_of(patch_set.frame, frame)]
         window[known & (window < 0)] = number
     return owner
 
@@ -300,7 +300,7 @@ def _union(static: B1, owner: I32, sets: Sequence[PatchSet], solid: Sequence[B1]
     """What is solid in the static map or in any state."""
     union = static.copy()
     for number, patch_set in enumerate(sets):
-        place = _slices(patch_set.frame, frame)
+        place = slices_of(patch_set.frame, frame)
         union[place] |= solid[number].any(axis=0) & (owner[place] == number)
     return union
 
@@ -343,7 +343,7 @@ def _submap_states(
         slice(row - top, row - top + patch_set.frame.rows),
         slice(col - left, col - left + patch_set.frame.cols),
     )
-    owned = owner[_slices(patch_set.frame, frame)] == number
+    owned = owner[slices_of(patch_set.frame, frame)] == number
     distances, surfaces = [], []
     for state in solid:
         world = union[around].copy()
