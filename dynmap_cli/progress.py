@@ -43,17 +43,18 @@ def progress(label: str, total: int, unit: str) -> Iterator[Tick]:
 
 
 def _plain_lines(label: str, total: int, unit: str) -> Tick:
-    """Log a line every ten seconds."""
-    started = time.monotonic()
-    state = {"done": 0, "next_line": started + _SECONDS_BETWEEN_LINES}
+    """Log a line every ten seconds; the rate is that from the first unit on, which may have waited for kernels."""
+    state = {"done": 0, "first": 0, "started": -1.0, "next_line": 0.0}
 
     def tick(units: int = 1, /) -> None:
         state["done"] += units
         now = time.monotonic()
+        if state["started"] < 0.0:
+            state.update(first=state["done"], started=now, next_line=now + _SECONDS_BETWEEN_LINES)
         if now < state["next_line"]:
             return
         state["next_line"] = now + _SECONDS_BETWEEN_LINES
-        rate = state["done"] / (now - started)
+        rate = (state["done"] - state["first"]) / (now - state["started"])
         left = max(total - state["done"], 0) / max(rate, 1e-9)
         _log.info(
             "%s: %d of %d %s, %.0f per second, %.0f s left", label, state["done"], total, unit, rate, left

@@ -31,7 +31,7 @@ from dynmap_cli.domain.submaps import SubMap
 
 _FARTHER = (2.0, 4.0)
 _SHIFT_ROUNDS = 2
-TOO_LITTLE, MIXED, NO_STATE = "saw too little", "mixed", "fits no state"
+TOO_LITTLE, MIXED, NO_STATE = "saw too little", "saw the change", "fits no state"
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,7 +119,7 @@ class Visit:
     membership : float
         Of the patch, 0 to 1; NaN where patch is None.
     remark : str
-        "" or why there is no patch: "saw too little", "mixed", "fits no state".
+        "" or why there is no patch: "saw too little", "saw the change", "fits no state".
     """
 
     submap_id: int

@@ -12,7 +12,7 @@ from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, Pa
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.trajectory import format_stamp
 from dynmap_cli.history.evidence import SubMapEvidence
-from dynmap_cli.history.timeline import in_time_order, remark_of
+from dynmap_cli.history.timeline import in_time_order
 
 
 def explanation_of(
@@ -76,7 +76,7 @@ def _visit(visit: Visit) -> dict[str, Any]:
         "leave_s": format_stamp(visit.end_ns),
         "state": visit.patch,
         "membership": round(visit.membership, 6) if known else None,
-        "remark": remark_of(visit),
+        "remark": visit.remark,
     }
 
 

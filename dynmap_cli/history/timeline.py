@@ -14,7 +14,6 @@ from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.trajectory import format_stamp
 
 TIMELINE_HEADER = "submap,visit,recording,enter_s,leave_s,state,membership,remark"
-_WORDS = {"mixed": "saw the change"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,7 @@ class History:
     @property
     def open_visits(self) -> dict[str, int]:
         """Remark -> number of visits without a state."""
-        return dict(sorted(Counter(remark_of(visit) for visit in self.visits if visit.patch is None).items()))
+        return dict(sorted(Counter(visit.remark for visit in self.visits if visit.patch is None).items()))
 
 
 def histories_of(
@@ -88,11 +87,6 @@ def in_time_order(visits: Sequence[Visit]) -> list[Visit]:
     return sorted(visits, key=lambda visit: (visit.start_ns, visit.submap_id, visit.sequence))
 
 
-def remark_of(visit: Visit) -> str:
-    """Why a visit has no state: `saw too little`, `saw the change` or `fits no state`; "" where it has one."""
-    return _WORDS.get(visit.remark, visit.remark)
-
-
 def as_csv(visits: Sequence[Visit]) -> bytes:
     """One row per visit and sub-map, in time order; state and membership are empty where none was recognised."""
     stream = io.StringIO()
@@ -109,7 +103,7 @@ def as_csv(visits: Sequence[Visit]) -> bytes:
                 format_stamp(visit.end_ns),
                 visit.patch if known else "",
                 f"{visit.membership:.6f}" if known else "",
-                remark_of(visit),
+                visit.remark,
             ]
         )
     return stream.getvalue().encode("utf-8", errors="backslashreplace")

@@ -27,7 +27,7 @@ _TILE_EDGE = (176, 176, 176)
 _COLOURS = ((42, 111, 181), (217, 130, 43), (58, 154, 91), (176, 58, 107), (122, 95, 176), (138, 109, 59))
 _MAP_WIDTH, _MAP_HEIGHT, _SHEET_HEIGHT = 900, 1200, 1500
 _LARGEST_TILE, _SMALLEST_TILE, _MOST_ZOOM = 120, 24, 12
-_GAP, _TEXT, _LEADER, _MOST_PER_ROW = 6, 16, 60, 4
+_GAP, _TEXT, _NUMBER, _LEADER, _MOST_PER_ROW = 6, 16, 14, 60, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class _Group:
         n_rows = math.ceil(len(self.patch_set.patches) / _MOST_PER_ROW)
         width = _GAP + per_row * (cols * self.zoom + _GAP)
         label = math.ceil(font_of(12).getlength(self.submap.called)) + 2 * _GAP
-        return max(width, label), _TEXT + _GAP + n_rows * (rows * self.zoom + _GAP)
+        return max(width, label), _TEXT + _GAP + n_rows * (rows * self.zoom + _NUMBER + _GAP)
 
     def draw(self) -> Image.Image:
         """Draw it."""
@@ -74,11 +74,13 @@ class _Group:
         pen.text((_GAP, 3), self.submap.called, fill=self.colour, font=font_of(12))
         for number, patch in enumerate(self.patch_set.patches):
             left = _GAP + number % _MOST_PER_ROW * (cols * self.zoom + _GAP)
-            top = _TEXT + _GAP + number // _MOST_PER_ROW * (rows * self.zoom + _GAP)
+            top = _TEXT + _GAP + number // _MOST_PER_ROW * (rows * self.zoom + _NUMBER + _GAP)
             colours = state_tile(patch.reflectance, self.patch_set)
             sheet.paste(Image.fromarray(_enlarged(colours, self.zoom)), (left, top))
             box = (left - 1, top - 1, left + cols * self.zoom, top + rows * self.zoom)
             pen.rectangle(box, outline=_TILE_EDGE)
+            place = (left + cols * self.zoom // 2, box[3] + 2)
+            pen.text(place, str(patch.patch_id), fill=INK, font=font_of(11), anchor="mt")
         pen.rectangle((0, 0, sheet.width - 1, sheet.height - 1), outline=self.colour, width=2)
         return sheet
 

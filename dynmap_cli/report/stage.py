@@ -170,15 +170,15 @@ def _state_pictures(
     pictures = []
     if visits:
         caption = (
-            "Visits: one bar each, coloured by the state it saw; grey where none was recognised. "
+            "Visits: one bar each, coloured by the state it saw; grey where it has none. "
             "A line joins visits that saw the same state one after the other."
         )
         pictures.append(Picture("visits.png", draw_visits(visits, submaps), caption))
     if patch_sets:
         grid, _ = read_map(run_dir / "map" / "map.yaml")
         caption = (
-            "The patch map: in each sub-map of the map the mean of its states, and beside the map the states. "
-            "Red: cells that change."
+            "The patch map: in each sub-map of the map the mean of its states, and beside the map the states "
+            "with their numbers. Red: cells that change."
         )
         pictures.append(Picture("patch_map.png", _png(draw_patch_map(grid, submaps, patch_sets)), caption))
     places = {submap.submap_id: submap for submap in submaps}

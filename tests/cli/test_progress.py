@@ -29,14 +29,14 @@ def stderr(monkeypatch):
 
 def test_plain_lines_with_rate_and_time_left(stderr, monkeypatch):
     stream = stderr(io.StringIO())
-    clock = iter([0.0, 5.0, 20.0, 25.0, 31.0])
+    clock = iter([30.0, 35.0, 50.0, 55.0, 61.0])
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
     with progress("map", 400, "scans") as tick:
-        for _ in range(4):
+        for _ in range(5):
             tick(50)
     assert stream.getvalue().splitlines() == [
-        "map: 100 of 400 scans, 5 per second, 60 s left",
-        "map: 200 of 400 scans, 6 per second, 31 s left",
+        "map: 150 of 400 scans, 5 per second, 50 s left",
+        "map: 250 of 400 scans, 6 per second, 23 s left",
     ]
 
 

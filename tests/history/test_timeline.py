@@ -72,7 +72,7 @@ def test_counts_and_transitions_are_those_of_a_plain_loop(visits):
 def test_the_columns_and_the_remarks():
     visits = [
         visit(0, 0, 10, 1),
-        visit(0, 1, 20, None, "mixed"),
+        visit(0, 1, 20, None, "saw the change"),
         visit(0, 2, 30, None, "saw too little"),
         visit(0, 3, 40, None, "fits no state"),
     ]
@@ -87,7 +87,7 @@ def test_the_columns_and_the_remarks():
 
 
 def test_the_sentence_says_it_all():
-    visits = [visit(4, k, 10 * k, state, "mixed") for k, state in enumerate((0, 1, None, 1, 0))]
+    visits = [visit(4, k, 10 * k, state, "saw the change") for k, state in enumerate((0, 1, None, 1, 0))]
     (history,) = histories_of(submaps(4), visits, {4: 0.9})
     assert describe(history, "(1.0, 2.0)") == (
         "sub-map 4 at (1.0, 2.0): 5 visits (state 0 in 2, state 1 in 2), 1 saw the change, "

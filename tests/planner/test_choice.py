@@ -24,7 +24,7 @@ def visits_of(states):
             START_NS + (30 * k + 5) * S,
             state,
             math.nan if state is None else 0.9,
-            "" if state is not None else "mixed",
+            "" if state is not None else "saw the change",
         )
         for k, state in enumerate(states)
     ]

@@ -51,7 +51,7 @@ def changing():
     states[0][0, 0] = np.nan
     patches = tuple(Patch(k, 2 - k, values) for k, values in enumerate(states))
     visits = tuple(Visit(0, k, "a.mcap", k * 10**9, (k + 2) * 10**9, k % 2, 0.9) for k in range(3))
-    unsure = replace(visits[0], sequence=3, patch=None, membership=np.nan, remark="mixed")
+    unsure = replace(visits[0], sequence=3, patch=None, membership=np.nan, remark="saw the change")
     return (submap,), (PatchSet(0, frame, everywhere, patches, 0.9),), (*visits, unsure)
 
 
