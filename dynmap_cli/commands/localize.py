@@ -76,7 +76,8 @@ def command(
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
     ]
     lines += [f"trajectory  {out_dir / 'trajectory.tum'}", f"poses       {out_dir / 'poses.csv'}"]
-    lines += [f"states      {out_dir / 'states.csv'}", f"objects     {out_dir / 'objects.csv'}"]
+    if map_yaml is None:
+        lines += [f"states      {out_dir / 'states.csv'}", f"objects     {out_dir / 'objects.csv'}"]
     lines += [f"health      {out_dir / 'health.csv'}"]
     if shared.config.localization.smooth:
         lines += [f"smoothed    {out_dir / 'smoothed'}/"]

@@ -177,9 +177,13 @@ def set_up_logging(verbose: int, *, quiet: bool) -> None:
 
 
 def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -> None:
-    """Write the result of a verb to stdout: JSON for programs, lines for people; warnings go to stderr."""
+    """Write the result of a verb to stdout: JSON for programs, lines for people; warnings go to stderr.
+
+    Programs find them under `warnings` as well, without the word.
+    """
     warnings = [line for line in lines if _WARNING.match(line)]
     if as_json:
+        summary = {**summary, "warnings": [_WARNING.sub(r"\1", line) for line in warnings]}
         echo(json.dumps(_as_json(summary), indent=2, sort_keys=True, allow_nan=False) + "\n")
     else:
         echo("".join(f"{line}\n" for line in lines if line not in warnings))

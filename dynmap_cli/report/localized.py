@@ -25,6 +25,7 @@ _START, _SUBMAP, _NEVER_SEEN = (30, 140, 70), (122, 95, 176), (150, 150, 150)
 _JUMP_M = 1.0
 """No line is drawn between consecutive scans further apart: the robot was found elsewhere."""
 _RADIUS, _LEGEND_PIXELS, _GAP = 7, 24, 18
+_MARGIN_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,25 @@ def draw_localized(
         called = f"{one.submap_id} ({name})" if name else str(one.submap_id)
         submaps.append(SeenSubMap(one, called, *believed.get(one.submap_id, (None, 0.0))))
     verdicts = _verdicts(folder / "health.csv", trajectory)
-    return _LocalizationPicture(_as_believed(grid, submaps)).draw_path(trajectory, verdicts, submaps)
+    shown = _without_edges(_as_believed(grid, submaps), trajectory.poses[:, :2])
+    return _LocalizationPicture(shown).draw_path(trajectory, verdicts, submaps)
+
+
+def _without_edges(grid: OccupancyGrid, path_m: F64) -> OccupancyGrid:
+    """The map without what lies beyond all known cells and the path (n, 2), but for a margin."""
+    known = np.argwhere(grid.cells != UNKNOWN)
+    used = np.concatenate([known, grid.frame.to_cells(path_m[np.isfinite(path_m).all(axis=1)])])
+    if not used.size:
+        return grid
+    margin = math.ceil(_MARGIN_M / grid.frame.resolution_m)
+    first = np.maximum(used.min(axis=0) - margin, 0)
+    last = np.minimum(used.max(axis=0) + margin + 1, grid.frame.shape)
+    (row, col), (rows, cols) = first.tolist(), (last - first).tolist()
+    if min(rows, cols) < 1:
+        return grid
+    return OccupancyGrid(
+        grid.frame.window(row, col, rows, cols), grid.cells[row : row + rows, col : col + cols]
+    )
 
 
 def _as_believed(grid: OccupancyGrid, submaps: Sequence[SeenSubMap]) -> OccupancyGrid:

@@ -107,7 +107,7 @@ def test_numbers_that_json_does_not_know_become_null(capsys):
     from dynmap_cli.commands.options import print_summary
 
     print_summary({"a": float("nan"), "b": [1.5, float("inf")]}, [], as_json=True)
-    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.5, None]}
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.5, None], "warnings": []}
 
 
 def test_localize_writes_below_the_run_by_default_and_is_skipped_the_second_time(small):

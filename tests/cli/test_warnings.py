@@ -1,4 +1,4 @@
-"""Warnings of stages go to stderr, whatever stdout is for."""
+"""Warnings of stages go to stderr, whatever stdout is for; programs read them in JSON as well."""
 
 import json
 
@@ -15,6 +15,6 @@ def test_warnings_go_to_stderr(capsys, as_json):
     out, err = capsys.readouterr()
     assert err.splitlines() == ["map: warning: look here", "warning: and here"]
     if as_json:
-        assert json.loads(out) == {"n": 1}
+        assert json.loads(out) == {"n": 1, "warnings": ["map: look here", "and here"]}
     else:
         assert out.splitlines() == ["map: all well"]
