@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from dynmap_cli.files.manifest import read_manifest
 from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log, write_scan_log
 from dynmap_cli.stage import Stage, StageContext
 
@@ -18,6 +19,10 @@ def run(context: StageContext) -> dict[str, Any]:
     if context.earlier_scans is not None:
         earlier = read_scan_log(context.earlier_scans)
         log = add_drives(earlier, log)
+        said = read_manifest(context.earlier_scans, STAGE.name)
+        summary["earlier_lines"] = (
+            said.summary.get("earlier_lines", []) + said.summary["lines"] if said else []
+        )
         summary["lines"].append(
             f"added to {earlier.n_scans} scans of {', '.join(earlier.recordings)}, which were not read again"
         )

@@ -79,8 +79,8 @@ def _manifest(folder: Path, stage: str) -> Manifest:
 
 
 def _lines(manifest: Manifest) -> tuple[str, ...]:
-    """What a stage said."""
-    return tuple(str(line) for line in manifest.summary.get("lines", ()))
+    """What a stage said, also when the recordings of before an update were read."""
+    return tuple(str(line) for kind in ("earlier_lines", "lines") for line in manifest.summary.get(kind, ()))
 
 
 def _recordings(manifest: Manifest) -> tuple[tuple[str, str], ...]:

@@ -56,7 +56,14 @@ def content(seed=0):
     visits = (
         Visit(0, 0, "monday, late.bag", 1_700_000_000_123_456_789, 1_700_000_010_000_000_000, 1, 0.987654),
         Visit(
-            0, 1, "tuesday.bag", 1_700_000_020_000_000_000, 1_700_000_030_000_000_001, None, math.nan, "saw the change"
+            0,
+            1,
+            "tuesday.bag",
+            1_700_000_020_000_000_000,
+            1_700_000_030_000_000_001,
+            None,
+            math.nan,
+            "saw the change",
         ),
         Visit(1, 0, "tuesday.bag", -5, 7, None, math.nan, "saw too little"),
     )
