@@ -43,9 +43,10 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
     """The windows that contradict one another."""
     evidence = found["evidence"]
     occupied, free = (_range(evidence[f"{what}_in_windows"]) for what in ("occupied", "free"))
-    contested = "elsewhere contested" if found["by_hand"] else "contested"
     rule = (
-        f"{contested}: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
+        "added by hand, whatever the windows saw; they judge only cells in or beside which a beam ended at some time"
+        if found["by_hand"]
+        else f"contested: seen occupied in {evidence['windows_needed']} or more windows of {evidence['window_s']:g} s, "
         f"and free in as many, or once if larger than people are; these cells: occupied in {occupied}, free in {free}"
     )
     if found["recurring_cells"]:
