@@ -44,6 +44,7 @@ def draw_courses(courses: Sequence[Course], *, with_truth: bool) -> bytes:
                 label=course.compared.name,
             )
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.set_ylabel(panel)
         axes.grid(visible=True, color="#e4e4e4")
     grid[-1].set_xlabel("seconds from the start")
