@@ -40,8 +40,8 @@ def run(context: StageContext) -> dict[str, Any]:
     log = read_scan_log(context.scans_dir)
     settings = context.config.map
     check_scans(log, settings, str(context.scans_dir))
-    result = build_filter_map(log, settings, threads=context.threads)
     out = context.out_dir
+    result = build_filter_map(log, settings, threads=context.threads, folder=out)
     write_registered(out, result.trajectory, result.beam_interval_s)
     write_beams(
         out / "beams.npz", log.stamps_ns, result.filtered.static_probability, result.filtered.is_unknown
