@@ -34,6 +34,15 @@ from dynmap_cli.mapping.warnings import (
 from dynmap_cli.mapping.wheel_faults import without_steps
 from dynmap_cli.stage import Stage, StageContext
 
+_BYTES_PER_BEAM, _BYTES_PER_SCAN = 10, 200
+"""Two tables of e and one of what is unknown, or one of each and beams.npz; the trajectory."""
+
+
+def needs(context: StageContext) -> tuple[str, int]:
+    """Room for what is kept of each beam, and for beams.npz."""
+    log = read_scan_log(context.scans_dir)
+    return f"{log.n_scans} scans", log.n_scans * (_BYTES_PER_BEAM * log.n_beams + _BYTES_PER_SCAN)
+
 
 def run(context: StageContext) -> dict[str, Any]:
     """Read the scans, find path, map and moving beams, write map/."""
@@ -188,4 +197,5 @@ STAGE = Stage(
         "map/round_1.yaml",
     ),
     run=run,
+    needs=needs,
 )

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 DYNAMIC_BELOW = 0.5
 """A beam with a smaller e hit something that moves."""
+_FIGURES_BYTES = 20_000_000
 _STAGES = (
     ("ingest", "scans", "ingest", "Recordings"),
     ("map", "map", "map", "Path, map and moving beams"),
@@ -44,6 +45,11 @@ _STAGES = (
     ("cluster", "patches", "clustering", "States of each area"),
 )
 """Name of the stage, its folder, its section of the settings, title on the page."""
+
+
+def needs(context: StageContext) -> tuple[str, int]:
+    """Room for the figures, which are as large for a large map as for a small one, and once more in the page."""
+    return "report.html and figures/", _FIGURES_BYTES
 
 
 def run(context: StageContext) -> dict[str, Any]:
@@ -243,4 +249,5 @@ STAGE = Stage(
     reads=("scans/", "map/", "submaps/", "patches/"),
     writes=("report.html", "figures/"),
     run=run,
+    needs=needs,
 )

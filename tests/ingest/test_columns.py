@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from dynmap_cli.domain.mapped import mapping_of
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.files import tables
+from dynmap_cli.files import space, tables
 from dynmap_cli.files.tables import new_table
-from dynmap_cli.ingest import columns, space
+from dynmap_cli.ingest import columns
 from dynmap_cli.ingest.columns import (
     Growing,
     RangeStore,
