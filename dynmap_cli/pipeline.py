@@ -31,6 +31,7 @@ from dynmap_cli.files.manifest import (
 )
 from dynmap_cli.files.pgm import image_of
 from dynmap_cli.files.publishing import finish_swap, publish, read_manifest_or_none
+from dynmap_cli.files.space import check_space
 from dynmap_cli.ingest.containers import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
@@ -197,6 +198,8 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
             return StageResult(stage.name, ran=False, manifest=done, folder=folder)
         _log.info("%s: runs again, %s", stage.name, why)
     _log.info("%s: %s", stage.name, stage.title)
+    if stage.needs is not None:
+        check_space(stage.name, *stage.needs(context), folder)
     started = time.process_time()
     with scratch_folder(folder / stage.name) as part:
         summary = stage.run(replace(context, out_dir=part))

@@ -65,6 +65,8 @@ class Stage:
         sentences for people that say what was found.
     seeded : bool
         Whether the result depends on the seed.
+    needs : callable or None
+        Says for what it needs room on the disk and how many bytes; None = it looks itself, or writes little.
     """
 
     name: str
@@ -75,3 +77,4 @@ class Stage:
     writes: tuple[str, ...]
     run: Callable[[StageContext], dict[str, Any]]
     seeded: bool = False
+    needs: Callable[[StageContext], tuple[str, int]] | None = None

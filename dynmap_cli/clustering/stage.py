@@ -28,6 +28,8 @@ from dynmap_cli.files.submaps import read_submaps
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.stage import Stage, StageContext
 
+_BYTES_PER_CELL, _LEAST_BYTES = 10, 100_000
+
 
 def learn_patch_map(
     log: ScanLog,
@@ -77,6 +79,13 @@ def learn_patch_map(
     return tuple(patch_sets), tuple(visits)
 
 
+def needs(context: StageContext) -> tuple[str, int]:
+    """Room for an image and a table of each state, in patches.zip and in that of before corrections."""
+    submaps, most = read_submaps(context.run_dir / "submaps"), context.config.clustering.max_states
+    n_cells = sum(submap.owned.size for submap in submaps)
+    return f"up to {most} states of {len(submaps)} sub-maps", _LEAST_BYTES + _BYTES_PER_CELL * n_cells * most
+
+
 def run(context: StageContext) -> dict[str, Any]:
     """Read, call, write."""
     log, trajectory = read_registered(context.scans_dir, context.run_dir / "map")
@@ -119,4 +128,5 @@ STAGE = Stage(
     reads=("scans/", "map/", "submaps/", "known/", EDITS),
     writes=("patches/patches.zip",),
     run=run,
+    needs=needs,
 )

@@ -15,6 +15,7 @@ from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
+from dynmap_cli.domain.mapped import copied_rows
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
@@ -180,15 +181,16 @@ class Counter:
 
 
 def _chunks(
-    log: ScanLog, rays: Rays, poses: F64, frame: GridFrame, twists: F64 | None
+    log: ScanLog, rays: Rays, poses: F64, frame: GridFrame, twists: F64 | None, within: slice | None = None
 ) -> Iterator[tuple[slice, Scans]]:
     """Some scans at a time, as rows of the log and as what the kernels want to know of them."""
-    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
-        part = slice(first, min(first + SCANS_PER_CHUNK, log.n_scans))
+    begin, end = (within.start, within.stop) if within else (0, log.n_scans)
+    for first in range(begin, end, SCANS_PER_CHUNK):
+        part = slice(first, min(first + SCANS_PER_CHUNK, end))
         yield (
             part,
             (
-                np.array(log.ranges_m[part]),
+                copied_rows(log.ranges_m, part),
                 np.array(log.geometry_index[part]),
                 rays.directions,
                 rays.sensor_poses,
@@ -292,7 +294,7 @@ def count_up_to_walls(
 def _has_silent_beams(log: ScanLog) -> bool:
     """Whether any beam has no return."""
     return any(
-        bool((log.ranges_m[first : first + SCANS_PER_CHUNK] == np.inf).any())
+        bool((copied_rows(log.ranges_m, slice(first, first + SCANS_PER_CHUNK)) == np.inf).any())
         for first in range(0, log.n_scans, SCANS_PER_CHUNK)
     )
 
@@ -315,12 +317,18 @@ def end_cells(
 
 
 def end_cells_in_chunks(
-    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, twists: F64 | None = None
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    usable_range_m: float,
+    *,
+    twists: F64 | None = None,
+    scans: slice | None = None,
 ) -> Iterator[tuple[slice, I32]]:
-    """Rows of some scans at a time, and what `end_cells` has for them."""
-    for part, scans in _chunks(log, rays_of(log, usable_range_m), poses, frame, twists):
-        cells = np.empty(scans[0].shape, dtype=np.int32)
-        find_end_cells(*scans, *frame.shape, cells)
+    """Rows of some scans at a time, of all or of *scans*, and what `end_cells` has for them."""
+    for part, beams in _chunks(log, rays_of(log, usable_range_m), poses, frame, twists, scans):
+        cells = np.empty(beams[0].shape, dtype=np.int32)
+        find_end_cells(*beams, *frame.shape, cells)
         yield part, cells
 
 
@@ -339,7 +347,7 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
         widen_bounds(
-            np.array(log.ranges_m[part]),
+            copied_rows(log.ranges_m, part),
             np.array(log.geometry_index[part]),
             rays.directions,
             rays.sensor_poses,

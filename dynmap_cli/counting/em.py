@@ -11,6 +11,7 @@ from scipy import ndimage
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, count_beams, count_up_to_walls, end_cells_in_chunks
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
+from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import look_up, static_probability
 
@@ -67,7 +68,11 @@ class FilteredMap:
     @property
     def unknown_share(self) -> float:
         """Share of the beams with an end point that nothing is known of."""
-        return int(self.is_unknown.sum()) / max(count_ended(self.static_probability)[0], 1)
+        unknown = 0
+        for first in range(0, self.is_unknown.shape[0], SCANS_PER_CHUNK):
+            unknown += int(self.is_unknown[first : first + SCANS_PER_CHUNK].sum())
+            give_back(self.is_unknown)
+        return unknown / max(count_ended(self.static_probability)[0], 1)
 
     @property
     def dynamic_share(self) -> float:
@@ -80,7 +85,7 @@ def count_ended(static_probability: F32) -> tuple[int, int]:
     """How many beams have an end point, and how many of them are called dynamic (e < 1/2)."""
     ended = dynamic = 0
     for first in range(0, static_probability.shape[0], SCANS_PER_CHUNK):
-        part = static_probability[first : first + SCANS_PER_CHUNK]
+        part = copied_rows(static_probability, slice(first, first + SCANS_PER_CHUNK))
         ended += int(np.count_nonzero(np.isfinite(part)))
         dynamic += int(np.count_nonzero(part < 0.5))
     return ended, dynamic
@@ -94,6 +99,7 @@ def filter_beams(
     *,
     twists: F64 | None = None,
     threads: int = 1,
+    out: F32 | None = None,
 ) -> FilteredMap:
     """Run the EM to its fixed point at given poses.
 
@@ -107,14 +113,17 @@ def filter_beams(
     twists : (n_scans, 3) float64, optional
         Velocity during each scan, to correct sweeps for it; without it the robot stood still.
     threads : int
+    out : (n_scans, n_beams) float32, optional
+        Where e of each beam is to be written, which may be mapped from a file.
     """
     count = count_up_to_walls if params.stop_at_walls else count_beams
     raw = count(log, poses, frame, params.usable_range_m, twists=twists, threads=threads)
     reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
     weights = _e_step(reflectance, params)
-    beams = np.empty(log.ranges_m.shape, dtype=np.float32)
+    beams = np.empty(log.ranges_m.shape, dtype=np.float32) if out is None else out
     for part, cells in end_cells_in_chunks(log, poses, frame, params.usable_range_m, twists=twists):
         look_up(cells, weights.ravel(), beams[part])
+        give_back(beams)
     counted = count_with(raw, weights.astype(np.float64))
     unknown = np.zeros(beams.shape, dtype=bool)
     return FilteredMap(counted, beams, expected_log_likelihood(counted), unknown)

@@ -12,6 +12,7 @@ from scipy import ndimage
 from dynmap_cli.arrays import F32, F64, I8, I32, I64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of, twists_of
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
+from dynmap_cli.domain.mapped import copied_rows
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.regions import add_evidence, add_hit_moments, judge_cells, surface_normals
 
@@ -128,7 +129,7 @@ def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) 
         twists[-1] = twists[-2]
     for first in range(0, log.n_scans, SCANS_PER_CHUNK):
         part = slice(first, first + SCANS_PER_CHUNK)
-        ranges = np.array(log.ranges_m[part])
+        ranges = copied_rows(log.ranges_m, part)
         if not params.silent_pass:
             ranges[ranges == np.inf] = np.nan
         yield (

@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynmap_cli.arrays import F64, I8, I32, I64
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells, surface_cells
@@ -45,13 +47,22 @@ class Watch:
     Attributes
     ----------
     scans : slice
-    occupied, free : (n,) int32
-        In how many of these looks each surface cell was seen so.
+    counts : (n_parts, 2, n) unsigned integers
+        In how many looks of each part of this time each surface cell was seen occupied, and free.
     """
 
     scans: slice
-    occupied: I32
-    free: I32
+    counts: NDArray[Any]
+
+    @property
+    def occupied(self) -> I32:
+        """(n,) in how many of these looks each surface cell was seen so."""
+        return np.asarray(self.counts[:, 0].sum(axis=0, dtype=np.int32))
+
+    @property
+    def free(self) -> I32:
+        """(n,) likewise."""
+        return np.asarray(self.counts[:, 1].sum(axis=0, dtype=np.int32))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +144,11 @@ def count_watches(
     surface = surface_cells(log, poses, frame, windows, params)
     halves = time_windows(log, watch_s / 2.0) if watch_s else [slice(0, log.n_scans)]
     starts = np.array([half.start for half in halves])
-    counts = np.zeros((len(halves), 2, surface.cells.shape[0]), dtype=np.int32)
+    half_of = np.searchsorted(starts, [window.start for window in windows], side="right") - 1
+    most = int(np.bincount(half_of).max(initial=0))
+    counts = np.zeros((len(halves), 2, surface.cells.shape[0]), dtype=np.min_scalar_type(most))
     hits, crossed = (np.zeros(surface.cells.shape[0]) for _ in range(2))
-    for look in judged_looks(log, poses, windows, surface, params):
-        half = int(np.searchsorted(starts, look.scans.start, side="right")) - 1
+    for half, look in zip(half_of, judged_looks(log, poses, windows, surface, params), strict=True):
         counts[half, 0, look.seen] += look.states == OCCUPIED
         counts[half, 1, look.seen] += look.states == FREE
         hits[look.seen] += look.hits
@@ -145,7 +157,7 @@ def count_watches(
     watches = []
     for first, last in _pairs(log, halves, watch_s) if watch_s else ():
         scans = slice(halves[first].start, halves[last].stop)
-        watches.append(Watch(scans, *counts[first : last + 1].sum(axis=0, dtype=np.int32)))
+        watches.append(Watch(scans, counts[first : last + 1]))
     return Watched(Looks(surface, occupied, free, len(windows)), hits, crossed, tuple(watches))
 
 

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 from scipy import ndimage
 
-from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.counting.counts import end_cells_in_chunks
 from dynmap_cli.counting.em import FilteredMap, count_with, expectation_of, expected_log_likelihood
 from dynmap_cli.counting.evidence import EvidenceParams, SurfaceCells
 from dynmap_cli.counting.looks import Watch, Watched, count_watches
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.em import add_to_cells, look_up
+from dynmap_cli.kernels.em import add_to_cells
+from dynmap_cli.kernels.standing import count_kept, judge_beams
 
 Counts: TypeAlias = I64 | I32 | F64
 _LEAST_FREE_LOOKS, _LEAST_FREE_LOOKS_OF_WATCH = 3, 1
 _LARGEST_THING_M, _LEAST_BODY_M, _LOOKS_THAT_TELL = 1.2, 0.4, 8
 _STILL_PRIOR = 0.55
-_PRIOR_OF_THINGS, _LEAST_EXPECTATION = np.float32(0.9), np.float32(0.01)
+_PRIOR_OF_THINGS, _LEAST_EXPECTATION = float(np.float32(0.9)), float(np.float32(0.01))
 _AROUND = np.ones((3, 3))
 
 
@@ -62,7 +65,7 @@ def filter_by_looks(
     *,
     usable_range_m: float,
     twists: F64 | None = None,
-    in_place: bool = False,
+    out: tuple[F32, B1] | None = None,
 ) -> FilteredMap:
     """Lower e where the end cell was seen free in several looks and occupied in few.
 
@@ -87,18 +90,37 @@ def filter_by_looks(
     usable_range_m : float
     twists : (n_scans, 3) float64, optional
         As given to the filter.
-    in_place : bool
-        Whether the e that are given may be overwritten by those that are returned.
+    out : (n_scans, n_beams) float32 and bool, optional
+        Where e and what is unknown are to be written; e may take the place of the one that is given.
     """
     frame = filtered.counting_map.frame
     evidence = EvidenceParams(max_range_m=usable_range_m, silent_pass=False)
     watched = count_watches(log, poses, frame, params.look_s, params.watch_s, evidence)
-    chunks = end_cells_in_chunks(log, poses, frame, usable_range_m, twists=twists)
-    judged = filtered.static_probability if in_place else np.empty_like(filtered.static_probability)
-    is_unknown, sums = np.zeros(judged.shape, dtype=bool), np.zeros(frame.shape)
-    for rows, beams in _judged_beams(filtered.static_probability, chunks, watched, params):
-        judged[rows], is_unknown[rows] = beams.e, beams.is_open
-        add_to_cells(beams.cells, beams.e, sums.ravel())
+    by_beams = filtered.static_probability
+    judged, is_unknown = out or (np.empty_like(by_beams), np.zeros(by_beams.shape, dtype=bool))
+    sums, grids = np.zeros(frame.shape), _grids_of_places(watched, params)
+
+    def cells_of(scans: slice) -> Iterator[tuple[slice, I32]]:
+        return end_cells_in_chunks(log, poses, frame, usable_range_m, twists=twists, scans=scans)
+
+    for rows, cells, verdict in _judged_beams(by_beams, cells_of, grids, watched, params):
+        e, open_still = np.empty(cells.shape, dtype=np.float32), np.empty(cells.shape, dtype=bool)
+        judge_beams(
+            cells,
+            copied_rows(by_beams, rows),
+            *grids,
+            verdict.of_places.ravel(),
+            verdict.of_things.ravel(),
+            verdict.can_be_open.ravel(),
+            _PRIOR_OF_THINGS,
+            _LEAST_EXPECTATION,
+            e,
+            open_still,
+        )
+        add_to_cells(cells, e, sums.ravel())
+        judged[rows], is_unknown[rows] = e, open_still
+        give_back(judged)
+        give_back(is_unknown)
     hits = filtered.counting_map.static_hits + filtered.counting_map.dynamic_hits
     mean = np.divide(sums, hits, out=np.ones_like(hits), where=hits > 0)
     counted = count_with(filtered.counting_map, mean)
@@ -112,120 +134,94 @@ def filter_by_looks(
 
 
 @dataclass(frozen=True, slots=True)
-class _Beams:
-    """The beams of some scans while they are judged; all (n_scans, n_beams).
+class _Verdict:
+    """What watches say of the beams that end in each cell; all (rows, cols).
 
     Attributes
     ----------
-    cells : int32
-        End cells, -1 = none.
-    e : float32
-        By the beam counts and all looks, finally by everything.
     of_places, of_things : float32
         The least e that a watch gave to the place, and to the thing.
-    is_open : bool
-        Kept, and on things of which no watch saw enough; finally, unknown.
+    can_be_open : uint8
+        1 on things of which no watch saw enough.
     """
 
-    cells: I32
-    e: F32
     of_places: F32
     of_things: F32
-    is_open: B1
+    can_be_open: U8
 
-    def rows(self, rows: slice) -> _Beams:
-        """Views of some scans."""
-        return _Beams(
-            self.cells[rows], self.e[rows], self.of_places[rows], self.of_things[rows], self.is_open[rows]
+    def with_other(self, other: _Verdict) -> _Verdict:
+        """Both together."""
+        return _Verdict(
+            np.minimum(self.of_places, other.of_places),
+            np.minimum(self.of_things, other.of_things),
+            self.can_be_open & other.can_be_open,
         )
-
-    def then(self, others: Sequence[_Beams]) -> _Beams:
-        """These scans and those that follow."""
-        parts = [self, *others]
-        return _Beams(
-            np.concatenate([part.cells for part in parts]),
-            np.concatenate([part.e for part in parts]),
-            np.concatenate([part.of_places for part in parts]),
-            np.concatenate([part.of_things for part in parts]),
-            np.concatenate([part.is_open for part in parts]),
-        )
-
-    def judged(self) -> _Beams:
-        """With the final e, and open only where unknown."""
-        e = np.minimum(self.e, self.of_places)
-        np.minimum(e, np.minimum(self.of_things, _PRIOR_OF_THINGS), out=e, where=self.is_open)
-        is_unknown = self.is_open & (e >= 0.5)
-        np.maximum(e, _LEAST_EXPECTATION, out=e)
-        return replace(self, e=e, is_open=is_unknown)
 
 
 def _judged_beams(
-    by_beams: F32, chunks: Iterator[tuple[slice, I32]], watched: Watched, params: LookParams
-) -> Iterator[tuple[slice, _Beams]]:
-    """Rows of some scans after the other, and their beams as looks and watches judge them.
+    by_beams: F32,
+    cells_of: Callable[[slice], Iterator[tuple[slice, I32]]],
+    grids: tuple[F32, F32],
+    watched: Watched,
+    params: LookParams,
+) -> Iterator[tuple[slice, I32, _Verdict]]:
+    """Rows of some scans after the other, their end cells, and what all watches say that have them.
 
-    A scan is held until the last watch that has it was seen; watches come in the order of their scans.
+    Watches come in the order of their scans, and each overlaps the one before at most. Their end cells are held.
 
     Parameters
     ----------
     by_beams : (n_scans, n_beams) float32
         e of the beam counts; rows that were given out may change.
-    chunks : iterator of slice and (m, n_beams) int32
-        Rows and end cells of all scans.
+    cells_of : callable
+        Gives rows and end cells of some scans, in parts.
+    grids : (n_cells,) float32, twice
+        Least and largest e in each cell.
     watched : Watched
     params : LookParams
     """
-    grids = _grids_of_places(watched, params)
-    fresh = (
-        (rows, _judge_places(by_beams[rows], cells, grids, is_watched=bool(watched.watches)))
-        for rows, cells in chunks
-    )
+    shape = watched.looks.surface.frame.shape
     if not watched.watches:
-        yield from ((rows, beams.judged()) for rows, beams in fresh)
-        return
-    first, last, held = (
-        0,
-        0,
-        _judge_places(by_beams[:0], np.empty((0, by_beams.shape[1]), np.int32), grids, is_watched=True),
-    )
-    followers = [watch.scans.start for watch in watched.watches[1:]]
-    for watch, done in zip(watched.watches, [*followers, by_beams.shape[0]], strict=True):
-        more = []
-        while last < watch.scans.stop:
-            rows, beams = next(fresh)
-            more.append(beams)
-            last = rows.stop
-        held = held.then(more) if more else held
-        _judge_things(
-            held.rows(slice(watch.scans.start - first, watch.scans.stop - first)), watch, watched, params
+        nothing = _Verdict(
+            np.ones(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, dtype=np.uint8)
         )
-        yield slice(first, done), held.rows(slice(done - first)).judged()
-        first, held = done, held.rows(slice(done - first, None))
+        yield from ((rows, cells, nothing) for rows, cells in cells_of(slice(0, by_beams.shape[0])))
+        return
+    # Parts end where watches begin and end, so that each has the same watches as a whole.
+    edges = sorted({edge for one in watched.watches for edge in (one.scans.start, one.scans.stop)})
+    held: list[tuple[slice, I32]] = []
+    last, before = 0, None
+    for number, watch in enumerate(watched.watches):
+        for first, end in pairwise(edges):
+            if last <= first < watch.scans.stop:
+                held += cells_of(slice(first, end))
+        last = watch.scans.stop
+        hits = np.zeros(shape)
+        for rows, cells in held:
+            count_kept(cells, copied_rows(by_beams, rows), *grids, hits.ravel())
+        verdict = _verdict_of(hits, watch, watched, params)
+        both = verdict.with_other(before[1]) if before else verdict
+        is_last = number + 1 == len(watched.watches)
+        done = last if is_last else watched.watches[number + 1].scans.start
+        while held and held[0][0].start < done:
+            rows, cells = held.pop(0)
+            yield rows, cells, both if before and rows.stop <= before[0] else verdict
+        before = last, verdict
 
 
-def _grids_of_places(watched: Watched, params: LookParams) -> tuple[F32 | None, F32]:
-    """(rows, cols) least e of beams whose end surface is rarely crossed, if that counts, and largest e by all looks."""
+def _grids_of_places(watched: Watched, params: LookParams) -> tuple[F32, F32]:
+    """(n_cells,) least e of beams whose end surface is rarely crossed, if that counts, and largest e by all looks."""
     looks, surface = watched.looks, watched.looks.surface
-    least = None
+    least = np.zeros(surface.frame.shape, dtype=np.float32)
     if params.crossing_prior:
         share = _largest_share(watched.hits, watched.crossed, surface)
         least = _on_grid(expectation_of(share, params.crossing_prior), surface, 0.0)
     of_looks = _by_share(looks.occupied, looks.free, surface, _LEAST_FREE_LOOKS, params.look_prior)
-    return least, _on_grid(of_looks, surface, 1.0)
+    return least.ravel(), _on_grid(of_looks, surface, 1.0).ravel()
 
 
-def _judge_places(by_beams: F32, cells: I32, grids: tuple[F32 | None, F32], *, is_watched: bool) -> _Beams:
-    """Beams of some scans, with e from that of the beam counts, and from all looks at the place."""
-    least, most = grids
-    e = by_beams.copy()
-    if least is not None:
-        np.maximum(e, _look_up(cells, least), out=e)
-    _lower(e, cells, most)
-    return _Beams(cells, e, np.ones_like(e), np.ones_like(e), np.asarray(e >= 0.5) & is_watched)
-
-
-def _judge_things(beams: _Beams, watch: Watch, watched: Watched, params: LookParams) -> None:
-    """Lower e of the beams on things that came, went or shifted in a watch; say on which things too little was seen.
+def _verdict_of(hits: F64, watch: Watch, watched: Watched, params: LookParams) -> _Verdict:
+    """Which things came, went or shifted in a watch, and of which things too little was seen.
 
     A thing is what the kept beams of a watch end on, connected, and no larger than what moves in buildings. If it was
     seen in one watch only, and in fewer looks than people stand still for, it may be a pillar or a person:
@@ -235,31 +231,27 @@ def _judge_things(beams: _Beams, watch: Watch, watched: Watched, params: LookPar
 
     Parameters
     ----------
-    beams : _Beams
-        Of the scans of the watch; changed in place.
+    hits : (rows, cols) float64
+        How many kept beams of the watch end in each cell.
     watch : Watch
     watched : Watched
     params : LookParams
     """
     total, surface = watched.looks.occupied, watched.looks.surface
-    hits = np.zeros(surface.frame.shape)
-    add_to_cells(beams.cells, (beams.e >= 0.5).astype(np.float32), hits.ravel())
     labels, extents_m = _things(hits, surface.frame)
     is_thing, thing_of = extents_m <= _LARGEST_THING_M, labels[tuple(surface.cells.T)]
     by_share = _by_share(watch.occupied, watch.free, surface, _LEAST_FREE_LOOKS_OF_WATCH, params.watch_prior)
     by_share = np.where(is_thing[thing_of], by_share, 1.0)
-    _lower(beams.of_places, beams.cells, _on_grid(by_share, surface, 1.0))
     most, elsewhere = (np.zeros(extents_m.size, dtype=np.int64) for _ in range(2))
     np.maximum.at(most, thing_of, watch.occupied)
     np.maximum.at(elsewhere, thing_of, total - watch.occupied)
     can_be = is_thing & (most < _LOOKS_THAT_TELL) & (elsewhere == 0)
-    np.logical_and(
-        beams.is_open, _look_up(beams.cells, can_be[labels].astype(np.float32)) > 0, out=beams.is_open
-    )
     free_share = watch.free / np.maximum(watch.free + watch.occupied, 1)
     still = 1.0 - _mean_over_hits(_on_grid(free_share, surface, 0.0), hits, labels, extents_m.size)
     by_thing = np.where(extents_m >= _LEAST_BODY_M, expectation_of(still, _STILL_PRIOR), 1.0)
-    _lower(beams.of_things, beams.cells, by_thing[labels].astype(np.float32))
+    return _Verdict(
+        _on_grid(by_share, surface, 1.0), by_thing[labels].astype(np.float32), can_be[labels].astype(np.uint8)
+    )
 
 
 def _by_share(occupied: Counts, free: Counts, surface: SurfaceCells, least_free: int, prior: float) -> F64:
@@ -299,20 +291,8 @@ def _mean_over_hits(grid: F32, hits: F64, labels: I32, n_things: int) -> F64:
     return np.asarray(sums / np.maximum(n_hits, 1.0))
 
 
-def _lower(e: F32, cells: I32, grid: F32) -> None:
-    """Bring e down to the value of each beam's end cell, in place."""
-    np.minimum(e, _look_up(cells, grid), out=e)
-
-
 def _on_grid(by_cell: F64, surface: SurfaceCells, elsewhere: float) -> F32:
     """(rows, cols) values of the surface cells."""
     grid = np.full(surface.frame.shape, elsewhere, dtype=np.float32)
     grid[tuple(surface.cells.T)] = by_cell
     return grid
-
-
-def _look_up(cells: I32, grid: F32) -> F32:
-    """(n_scans, n_beams) value of each beam's end cell, NaN where it has none."""
-    beams = np.empty(cells.shape, dtype=np.float32)
-    look_up(cells, grid.ravel(), beams)
-    return beams

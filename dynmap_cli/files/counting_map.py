@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from dynmap_cli.arrays import B1, F32, I64
 from dynmap_cli.domain.grid import MAX_CELLS, CountingMap, GridFrame
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import refusing_damage
-from dynmap_cli.files.npy import Column, read_npz
+from dynmap_cli.files.npy import Column, npz_rows, read_npz, write_npz
 
 _GRIDS = {
     "static_hits": Column("<f4", (None, None)),
@@ -84,12 +84,23 @@ def _frame_of(arrays: Mapping[str, Any], shape: tuple[int, ...]) -> GridFrame:
 
 def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown: B1) -> None:
     """Write e of each beam, (n_scans, n_beams) float32, NaN where it has no end point, and which are unknown."""
-    np.savez_compressed(
+    write_npz(
         path,
-        stamps_ns=stamps_ns,
-        static_probability=static_probability.astype(np.float32, copy=False),
-        is_unknown=is_unknown.view(np.uint8),
+        {
+            "stamps_ns": stamps_ns,
+            "static_probability": static_probability.astype(np.float32, copy=False),
+            "is_unknown": is_unknown.view(np.uint8),
+        },
     )
+
+
+def beams_in_parts(path: Path, shape: tuple[int, int]) -> Iterator[tuple[slice, F32]]:
+    """Read e of each beam as `read_beams`, some scans at a time, with their rows."""
+    with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
+        first = 0
+        for part in npz_rows(path, "static_probability", Column("<f4", shape), 4 * math.prod(shape)):
+            yield slice(first, first + part.shape[0]), part
+            first += part.shape[0]
 
 
 def read_beams(path: Path, shape: tuple[int, int]) -> F32:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import tokenize
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from dynmap_cli.files.mapped import give_back
+from dynmap_cli.domain.mapped import give_back
 
 Array = np.ndarray[Any, Any]
 _MAX_HEADER_BYTES = 4096
@@ -56,11 +56,24 @@ def read_npy(path: Path, column: Column, *, in_memory: bool) -> Array:
 def write_npy(path: Path, array: Array) -> None:
     """Write an array in rows as np.save does; one that is mapped from a file passes through memory piece by piece."""
     with path.open("wb") as stream:
-        np.lib.format.write_array_header_1_0(stream, np.lib.format.header_data_from_array_1_0(array))
-        step = max(1, _PIECE_BYTES // max(array.strides[0], 1)) if array.ndim else 1
-        for start in range(0, array.shape[0], step):
-            stream.write(array[start : start + step].tobytes())
-            give_back(array)
+        _write_array(stream, array)
+
+
+def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write arrays in rows as np.savez_compressed does; mapped ones pass through memory piece by piece."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                _write_array(stream, array)
+
+
+def _write_array(stream: IO[bytes], array: Array) -> None:
+    """Write header and rows."""
+    np.lib.format.write_array_header_1_0(stream, np.lib.format.header_data_from_array_1_0(array))
+    step = max(1, _PIECE_BYTES // max(array.strides[0], 1)) if array.ndim else 1
+    for start in range(0, array.shape[0], step):
+        stream.write(array[start : start + step].tobytes())
+        give_back(array)
 
 
 def read_npz(path: Path, columns: Mapping[str, Column], max_bytes: int) -> dict[str, Array]:
@@ -77,13 +90,44 @@ def read_npz(path: Path, columns: Mapping[str, Column], max_bytes: int) -> dict[
         }
 
 
+def npz_rows(path: Path, name: str, column: Column, max_bytes: int) -> Iterator[Array]:
+    """Read an array of a .npz file, of at most *max_bytes*, some rows at a time.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+        As `read_npz`, also after some rows.
+    """
+    with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
+        info = archive.getinfo(f"{name}.npy")
+        _check_size(info, max_bytes)
+        shape = _checked_header(stream, info.file_size, column, info.filename)
+        row_bytes = math.prod(shape[1:]) * np.dtype(column.dtype).itemsize
+        step = max(1, _PIECE_BYTES // max(row_bytes, 1))
+        for start in range(0, shape[0], step):
+            count = min(step, shape[0] - start)
+            content = stream.read(count * row_bytes)
+            if len(content) != count * row_bytes:
+                msg = f"{info.filename} ends after {start} of {shape[0]} rows"
+                raise ValueError(msg)
+            yield np.frombuffer(bytearray(content), dtype=column.dtype).reshape(count, *shape[1:])
+        if stream.read(1):  # at its end the checksum is compared
+            msg = f"{info.filename} goes on after {shape[0]} rows"
+            raise ValueError(msg)
+
+
+def _check_size(info: zipfile.ZipInfo, max_bytes: int) -> None:
+    """Refuse an array that is absurdly large."""
+    most = min(max_bytes, _MOST_UNPACKED_PER_BYTE * info.compress_size) + _MAX_HEADER_BYTES
+    if info.file_size > most:
+        msg = f"{info.filename} unpacks to {info.file_size} bytes, at most {most} are allowed"
+        raise ValueError(msg)
+
+
 def _read_member(archive: zipfile.ZipFile, name: str, column: Column, max_bytes: int) -> Array:
     """Read one array of an archive."""
     info = archive.getinfo(name)
-    most = min(max_bytes, _MOST_UNPACKED_PER_BYTE * info.compress_size) + _MAX_HEADER_BYTES
-    if info.file_size > most:
-        msg = f"{name} unpacks to {info.file_size} bytes, at most {most} are allowed"
-        raise ValueError(msg)
+    _check_size(info, max_bytes)
     with archive.open(info) as stream:
         return parse_npy(stream, info.file_size, column, name)
 

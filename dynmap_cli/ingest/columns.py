@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, I64
-from dynmap_cli.files.mapped import give_back, mapping_of
+from dynmap_cli.domain.mapped import give_back, mapping_of
+from dynmap_cli.files.tables import new_table
 
 Values = NDArray[Any]
 
@@ -252,18 +253,6 @@ class _InFile:
     def as_table(self, n_rows: int, width: int) -> F32:
         self._stream.flush()
         return np.memmap(self._stream, dtype=np.float32, mode="r+", shape=(n_rows, width))
-
-
-def new_table(n_rows: int, width: int, folder: Path | None) -> F32:
-    """A table (n_rows, width) to be filled: in memory if it is small, otherwise mapped from a nameless file."""
-    if 4 * n_rows * width <= _MOST_IN_MEMORY_BYTES:
-        return np.empty((n_rows, width), dtype=np.float32)
-    # The mapping keeps the file.
-    with tempfile.TemporaryFile(dir=folder) as stream:
-        # On a full disk this fails, where writing to the mapping would end the process.
-        if hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(stream.fileno(), 0, 4 * n_rows * width)
-        return np.memmap(stream, dtype=np.float32, mode="w+", shape=(n_rows, width))
 
 
 def blocks_of(table: F32) -> Iterator[slice]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
-from dynmap_cli.files.mapped import give_back
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.ingest.columns import blocks_of, picked
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawRecording, file_name

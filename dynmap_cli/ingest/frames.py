@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.columns import spans
 from dynmap_cli.ingest.raw import RawTransform, sorted_by_stamp
 

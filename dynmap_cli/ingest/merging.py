@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
-from dynmap_cli.files.mapped import give_back
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.clocks import UNDATED_BEFORE_NS
-from dynmap_cli.ingest.columns import blocks_of, kept_rows, new_table
+from dynmap_cli.ingest.columns import blocks_of, kept_rows
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
 from dynmap_cli.ingest.raw_laser import RawLaser, ScanShape
 

@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32
-from dynmap_cli.files.mapped import give_back
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.ingest.columns import blocks_of
 from dynmap_cli.ingest.free_space import Contradiction, Sweeps, find_contradiction, kinds_of
 from dynmap_cli.ingest.plausible import LONGEST_RANGE_M

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
-from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.clocks import part_clocks

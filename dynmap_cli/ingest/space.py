@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import logging
-import shutil
 import tempfile
 from pathlib import Path
 
-from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.space import check_space
 
-_log = logging.getLogger(__name__)
-_WORTH_SAYING_BYTES = 10**8
 _SMALL_COLUMNS_BYTES = 100
 
 
@@ -48,23 +44,4 @@ class Space:
             self._columns_bytes += ranges_bytes + _SMALL_COLUMNS_BYTES * n_scans
         needed = self._columns_bytes + ranges_bytes
         where = self.folder or Path(tempfile.gettempdir())
-        free = shutil.disk_usage(where).free
-        if needed > free:
-            msg = (
-                f"{name}: {_gigabytes(needed)} are needed on the disk of {where.parent} for {n_scans} scans, "
-                f"{_gigabytes(free)} are free. Free the place or choose another output."
-            )
-            raise ArtifactError(msg)
-        if needed >= _WORTH_SAYING_BYTES:
-            _log.info(
-                "%s: %d scans need about %s on the disk, %s are free",
-                name,
-                n_scans,
-                _gigabytes(needed),
-                _gigabytes(free),
-            )
-
-
-def _gigabytes(n_bytes: int) -> str:
-    """A size for people."""
-    return f"{n_bytes / 1e9:.1f} GB"
+        check_space(name, f"{n_scans} scans", needed, where)

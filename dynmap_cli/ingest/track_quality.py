@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.files.mapped import give_back
 from dynmap_cli.ingest.columns import picked, spans
 
 _SAME_POSE = 1e-9

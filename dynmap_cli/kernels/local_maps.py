@@ -33,7 +33,6 @@ def collect_local_map(
     usable_m: F64,
     beam_interval_s: F64,
     twists: F64,
-    scans: I64,
     anchor_from_robot: F64,
     spacing_m: float,
     sums: I64,
@@ -46,8 +45,7 @@ def collect_local_map(
     Parameters
     ----------
     ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists
-        As for `register_scans`.
-    scans : (k,) int64
+        As for `register_scans`, each of these k scans.
     anchor_from_robot : (k, 3) float64
     spacing_m : float
         Points closer to the last one are left out.
@@ -74,18 +72,17 @@ def collect_local_map(
         for col in range(FREE_SIDE):
             free[row, col] = 0
     half_free = FREE_SIDE // 2
-    for s in range(scans.size):
-        scan = scans[s]
-        geometry = geometry_index[scan]
+    for s in range(ranges_m.shape[0]):
+        geometry = geometry_index[s]
         cos, sin = math.cos(anchor_from_robot[s, 2]), math.sin(anchor_from_robot[s, 2])
         x0, y0 = anchor_from_robot[s, 0], anchor_from_robot[s, 1]
         n = thin_points(
-            ranges_m[scan],
+            ranges_m[s],
             directions[geometry],
             sensor_poses[geometry],
             usable_m[geometry],
             beam_interval_s[geometry],
-            twists[scan],
+            twists[s],
             spacing_m,
             end_points,
             beams,
@@ -93,7 +90,7 @@ def collect_local_map(
         sx = x0 + cos * sensor_poses[geometry, 0] - sin * sensor_poses[geometry, 1]
         sy = y0 + sin * sensor_poses[geometry, 0] + cos * sensor_poses[geometry, 1]
         for k in range(n):
-            e = float(weights[scan, beams[k]])
+            e = float(weights[s, beams[k]])
             weight = 1.0 if math.isnan(e) else e
             x_m = x0 + cos * end_points[k, 0] - sin * end_points[k, 1]
             y_m = y0 + sin * end_points[k, 0] + cos * end_points[k, 1]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.arrays import F32, F64, I32, U8
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.local_maps import (
     CELL_M,
@@ -299,7 +299,6 @@ def fit_scans(
     usable_m: F64,
     beam_interval_s: F64,
     twists: F64,
-    scans: I64,
     spacing_m: float,
     drawn_points: F32,
     drawn_normals: F32,
@@ -316,8 +315,7 @@ def fit_scans(
     ----------
     ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists,
     spacing_m
-        As for `collect_local_map`; beams with e < 1/2 are left out.
-    scans : (k,) int64
+        Of k scans, as for `collect_local_map`; beams with e < 1/2 are left out.
     drawn_points, drawn_normals, drawn_free, index, field
         The drawn map.
     poses : (k, 3) float64
@@ -331,23 +329,22 @@ def fit_scans(
     end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
     points = np.empty((n_beams, 2), np.float32)
     one = int(np.int64(1))  # a literal would compile the kernels that are called once more
-    for s in range(scans.size):
-        scan = scans[s]
-        geometry = geometry_index[scan]
+    for s in range(ranges_m.shape[0]):
+        geometry = geometry_index[s]
         n = thin_points(
-            ranges_m[scan],
+            ranges_m[s],
             directions[geometry],
             sensor_poses[geometry],
             usable_m[geometry],
             beam_interval_s[geometry],
-            twists[scan],
+            twists[s],
             spacing_m,
             end_points,
             beams,
         )
         count = int(np.int64(0))
         for k in range(n):
-            if not weights[scan, beams[k]] < 0.5:
+            if not weights[s, beams[k]] < 0.5:
                 points[count, 0], points[count, 1] = end_points[k, 0], end_points[k, 1]
                 count += 1
         judged[s, RESIDUAL] = refine_local_map(

@@ -58,15 +58,14 @@ def _predict_step(
 
 @kernel
 def _points_of(
-    scan: int,
-    geometry: int,
     ranges_m: F32,
     weights: F32,
+    geometry: int,
     directions: F64,
     sensor_poses: F64,
     usable_m: F64,
     beam_interval_s: F64,
-    twists: F64,
+    twist: F64,
     spacing_m: float,
     points: F64,
     beams: I32,
@@ -74,18 +73,18 @@ def _points_of(
 ) -> int:
     """Fill the thinned points of a scan and their weights; return how many there are."""
     count = thin_points(
-        ranges_m[scan],
+        ranges_m,
         directions[geometry],
         sensor_poses[geometry],
         usable_m[geometry],
         beam_interval_s[geometry],
-        twists[scan],
+        twist,
         spacing_m,
         points,
         beams,
     )
     for k in range(count):
-        e = float(weights[scan, beams[k]])
+        e = float(weights[beams[k]])
         point_weights[k] = 1.0 if math.isnan(e) else e
     return count
 
@@ -112,6 +111,9 @@ def register_scans(
     laser_index: I64,
     last_keys: I64,
     ring: I64,
+    ring_points: F64,
+    ring_weights: F64,
+    ring_counts: I64,
     state: I64,
     poses: F64,
     shares: F64,
@@ -125,8 +127,8 @@ def register_scans(
     ----------
     first, last : int
         The scans of this call; the scans before *first* are registered.
-    ranges_m, weights : (n_scans, n_beams) float32
-        Ranges, and e of each beam (NaN counts as 1).
+    ranges_m, weights : (last - first, n_beams) float32
+        Ranges of these scans, and e of each beam (NaN counts as 1).
     geometry_index, directions, sensor_poses, usable_m, beam_interval_s
         As for `count_scans`.
     times_s : (n_scans,) float64
@@ -144,6 +146,8 @@ def register_scans(
         Last key scan of each laser, -1 = none yet: what it sees may not be in the local map at all.
     ring : (capacity,) int64
         Key scans in the local map, oldest at state[0], state[1] of them.
+    ring_points, ring_weights, ring_counts : (capacity, n_beams, 2), (capacity, n_beams) float64, (capacity,) int64
+        Their points as they were put into it, to be taken out again.
     state : (3,) int64
         Start and length of the ring, lost scans in a row.
     poses : (n_scans, 3) float64
@@ -171,8 +175,8 @@ def register_scans(
         dx, dy, turn = step[0], step[1], step[2]
         geometry = geometry_index[scan]
         count = _points_of(
-            scan, geometry, ranges_m, weights, directions, sensor_poses, usable_m, beam_interval_s, twists,
-            numbers[SPACING], points, beams, point_weights,
+            ranges_m[scan - first], weights[scan - first], geometry, directions, sensor_poses, usable_m,
+            beam_interval_s, twists[scan], numbers[SPACING], points, beams, point_weights,
         )  # fmt: skip
         weight_sum = 0.0
         for k in range(count):
@@ -273,7 +277,11 @@ def register_scans(
             continue
         flags[scan] |= KEY
         insert_points(points, point_weights, count, poses[scan], one, cell_m, sums, lines, stale, field)
-        ring[(state[0] + state[1]) % capacity] = scan
+        end = (state[0] + state[1]) % capacity
+        ring[end], ring_counts[end] = scan, count
+        for k in range(count):
+            ring_points[end, k, 0], ring_points[end, k, 1] = points[k, 0], points[k, 1]
+            ring_weights[end, k] = point_weights[k]
         state[1] += 1
         last_keys[laser_index[geometry]] = scan
         while state[1] > 1:
@@ -284,13 +292,9 @@ def register_scans(
                 and math.sqrt(dx * dx + dy * dy) < numbers[RING_REACH]
             ):
                 break
-            geometry = geometry_index[oldest]
-            count = _points_of(
-                oldest, geometry, ranges_m, weights, directions, sensor_poses, usable_m, beam_interval_s, twists,
-                numbers[SPACING], points, beams, point_weights,
-            )  # fmt: skip
             insert_points(
-                points, point_weights, count, poses[oldest], -one, cell_m, sums, lines, stale, field
-            )
+                ring_points[state[0]], ring_weights[state[0]], ring_counts[state[0]], poses[oldest], -one, cell_m,
+                sums, lines, stale, field,
+            )  # fmt: skip
             state[0] = (state[0] + 1) % capacity
             state[1] -= 1

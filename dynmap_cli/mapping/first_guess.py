@@ -7,16 +7,18 @@ in the map. Over a few seconds odometry is good enough to see who moves, so in a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, I64
-from dynmap_cli.counting.counts import frame_of_scans
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK, frame_of_scans
 from dynmap_cli.counting.em import FilterParams, count_ended, filter_beams
+from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.mapping.front_end import times_of
 
 _WINDOW_S = 8.0
@@ -32,7 +34,7 @@ _MOST_JUDGED = 24
 """So many windows, spread over the recording, tell whether there is a crowd."""
 
 
-def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
+def crowd_weights(log: ScanLog, usable_m: float, *, threads: int, folder: Path | None = None) -> F32 | None:
     """(n_scans, n_beams) e by the odometry of each window of time, NaN = not known; None where there is no crowd.
 
     On recordings of offices and halls 1 to 5 % of the beams are called dynamic here, in crowds 15 % and more.
@@ -43,42 +45,42 @@ def crowd_weights(log: ScanLog, usable_m: float, *, threads: int) -> F32 | None:
     usable_m : float
         Beams are used up to this range, and up to 20 m.
     threads : int
+    folder : Path, optional
+        Where a large table is kept.
     """
-    weights = np.full(log.ranges_m.shape, np.nan, dtype=np.float32)
     params = FilterParams(_STATIC_PRIOR, 1, min(usable_m, _REACH_M))
     windows = _windows(log, 0.0)
     every = max(1, -(-len(windows) // _MOST_JUDGED))
-    judged = _Judged(log, weights, params, threads)
-    judged.add(windows[::every])
-    ended, dynamic = count_ended(weights)
+    ended, dynamic = np.sum(
+        [count_ended(e) for _, e in _judged(log, windows[::every], params, threads)] or [(0, 0)], axis=0
+    )
     if dynamic <= _CROWD_SHARE * ended:
         return None
-    for first in range(1, every):
-        judged.add(windows[first::every])
-    # Where somebody was before a window began is seen in the one that began earlier.
-    judged.add(_windows(log, 0.5 * _WINDOW_S))
+    weights = new_table(log.n_scans, log.n_beams, folder)
+    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
+        weights[first : first + SCANS_PER_CHUNK] = np.nan
+        give_back(weights)
+    # Of several windows the one counts in which a beam seems to move most. Where somebody was before a window began
+    # is seen in the one that began earlier.
+    for begun_s in (0.0, 0.5 * _WINDOW_S):
+        for rows, e in _judged(log, _windows(log, begun_s), params, threads):
+            weights[rows] = np.fmin(copied_rows(weights, rows), e)
+            give_back(weights)
     return weights
 
 
-@dataclass(frozen=True, slots=True)
-class _Judged:
-    """What is known of each beam; of several windows the one counts in which it seems to move most."""
-
-    log: ScanLog
-    weights: F32
-    params: FilterParams
-    threads: int
-
-    def add(self, windows: Sequence[I64]) -> None:
-        """Filter windows, each in the frame of its first scan."""
-        for rows in windows:
-            part = self.log.select(rows)
-            poses = between(part.odometry[0], part.odometry)
-            if np.ptp(poses[:, :2], axis=0).max() > _FARTHEST_M:
-                continue
-            frame = frame_of_scans(part, poses, self.params.usable_range_m, _CELL_M)
-            found = filter_beams(part, poses, frame, self.params, threads=self.threads).static_probability
-            self.weights[rows] = np.fmin(self.weights[rows], found)
+def _judged(
+    log: ScanLog, windows: Sequence[I64], params: FilterParams, threads: int
+) -> Iterator[tuple[I64, F32]]:
+    """Rows of each window, and e of their beams, filtered in the frame of its first scan."""
+    for rows in windows:
+        part = log.select(rows)
+        give_back(log.ranges_m)
+        poses = between(part.odometry[0], part.odometry)
+        if np.ptp(poses[:, :2], axis=0).max() > _FARTHEST_M:
+            continue
+        frame = frame_of_scans(part, poses, params.usable_range_m, _CELL_M)
+        yield rows, filter_beams(part, poses, frame, params, threads=threads).static_probability
 
 
 def _windows(log: ScanLog, begun_s: float) -> list[I64]:

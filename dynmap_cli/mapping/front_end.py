@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F32, F64, I32, U8
+from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.counting.counts import Rays
+from dynmap_cli.domain.mapped import copied_rows
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.matching import SIZE
 from dynmap_cli.kernels.registration import KEY, LOST, WIDE, register_scans
@@ -82,10 +83,16 @@ class FrontEndParams:
 class Sweeps:
     """The columns of a recording that matching needs, in the order in which the sweeps were made.
 
+    Ranges and weights stay where they are, which may be in files, and are read for some sweeps at a time.
+
     Attributes
     ----------
-    ranges_m, weights : (n_scans, n_beams) float32
-        Ranges, and e of each beam (NaN = not known yet, counts as 1; 0 where it is called dynamic).
+    table_m : (n, n_beams) float32
+        Ranges in the order of the log, also of other sweeps.
+    weights : (n, n_beams) float32 or None
+        e of each beam, likewise; None = not known yet.
+    rows : (n_scans,) int64
+        Where each sweep is in them.
     geometry_index : (n_scans,) int32
     odometry : (n_scans, 3) float64
     times_s : (n_scans,) float64
@@ -94,8 +101,9 @@ class Sweeps:
         Ascending.
     """
 
-    ranges_m: F32
-    weights: F32
+    table_m: F32
+    weights: F32 | None
+    rows: I64
     geometry_index: I32
     odometry: F64
     times_s: F64
@@ -104,34 +112,48 @@ class Sweeps:
     @property
     def n_scans(self) -> int:
         """Number of sweeps."""
-        return int(self.ranges_m.shape[0])
+        return int(self.rows.size)
+
+    @property
+    def n_beams(self) -> int:
+        """Beams of the widest geometry."""
+        return int(self.table_m.shape[1])
+
+    def read(self, scans: slice | I64) -> tuple[F32, F32]:
+        """Ranges of some sweeps, and their weights (k, n_beams): NaN = not known yet, 0 where called dynamic.
+
+        Beams that are called dynamic weigh nothing: a cell of the local map is one that was hit, however little it
+        was, so that the trails of a crowd would attract scans.
+        """
+        rows = self.rows[scans]
+        ranges_m: F32 = copied_rows(self.table_m, rows)
+        if self.weights is None:
+            return ranges_m, np.full_like(ranges_m, np.nan)
+        weights: F32 = copied_rows(self.weights, rows)
+        weights[weights < 0.5] = 0.0
+        return ranges_m, weights
 
     def part(self, first: int, last: int) -> Sweeps:
         """The sweeps first..last - 1 only."""
-        rows = slice(first, last)
+        scans = slice(first, last)
         return Sweeps(
-            self.ranges_m[rows],
-            self.weights[rows],
-            self.geometry_index[rows],
-            self.odometry[rows],
-            self.times_s[rows],
-            self.drive_index[rows],
+            self.table_m,
+            self.weights,
+            self.rows[scans],
+            self.geometry_index[scans],
+            self.odometry[scans],
+            self.times_s[scans],
+            self.drive_index[scans],
         )
 
 
 def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
-    """Columns in the order in which the sweeps were made; *weights* are in the order of the log.
-
-    Beams that are called dynamic weigh nothing: a cell of the local map is one that was hit, however little it was,
-    so that the trails of a crowd would attract scans.
-    """
-    order = np.argsort(log.arrival_index, kind="stable")
-    ranges = np.array(log.ranges_m[order])
+    """Columns in the order in which the sweeps were made; *weights* are in the order of the log."""
+    order = np.argsort(log.arrival_index, kind="stable").astype(np.int64)
     return Sweeps(
-        ranges_m=ranges,
-        weights=np.full_like(ranges, np.nan)
-        if weights is None
-        else np.where(weights[order] < 0.5, np.float32(0.0), weights[order]),
+        table_m=log.ranges_m,
+        weights=weights,
+        rows=order,
         geometry_index=np.array(log.geometry_index[order]),
         odometry=np.array(log.odometry[order]),
         times_s=times_of(log),
@@ -199,6 +221,8 @@ def register(
     lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
     stale, field = np.zeros((SIZE, SIZE), dtype=np.uint8), np.zeros((SIZE, SIZE), dtype=np.uint8)
     ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    ring_points = np.zeros((_RING_CAPACITY, sweeps.n_beams, 2))
+    ring_weights, ring_counts = np.zeros(ring_points.shape[:2]), np.zeros(_RING_CAPACITY, dtype=np.int64)
     laser_index = rays.laser_index
     last_keys = np.full(laser_index.max() + 1, -1, dtype=np.int64)
     poses, shares = np.zeros((n_scans, 3)), np.zeros(n_scans)
@@ -209,8 +233,7 @@ def register(
         register_scans(
             first,
             last,
-            sweeps.ranges_m,
-            sweeps.weights,
+            *sweeps.read(slice(first, last)),
             sweeps.geometry_index,
             rays.directions,
             rays.sensor_poses,
@@ -227,6 +250,9 @@ def register(
             laser_index,
             last_keys,
             ring,
+            ring_points,
+            ring_weights,
+            ring_counts,
             state,
             poses,
             shares,

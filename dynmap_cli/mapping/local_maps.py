@@ -100,16 +100,15 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     maps = []
     free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
     for anchor, members in _members(sweeps.drive_index[keys]):
+        scans = keys[members]
         count = collect_local_map(
-            sweeps.ranges_m,
-            sweeps.weights,
-            sweeps.geometry_index,
+            *sweeps.read(scans),
+            sweeps.geometry_index[scans],
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
             rays.beam_interval_s,
-            twists,
-            keys[members],
+            twists[scans],
             between(key_poses[anchor], key_poses[members]),
             _SPACING_M,
             sums,
@@ -217,15 +216,13 @@ class Easel:
         drawn = self._require()
         poses, information, judged = starts.copy(), np.zeros((scans.size, 3, 3)), np.zeros((scans.size, 4))
         fit_scans(
-            sweeps.ranges_m,
-            sweeps.weights,
-            sweeps.geometry_index,
+            *sweeps.read(scans),
+            sweeps.geometry_index[scans],
             rays.directions,
             rays.sensor_poses,
             rays.usable_m,
             rays.beam_interval_s,
-            twists,
-            scans,
+            twists[scans],
             _SPACING_M,
             drawn.points,
             drawn.normals,

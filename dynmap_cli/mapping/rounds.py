@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +14,10 @@ from dynmap_cli.counting.counts import SCANS_PER_CHUNK, frame_of_scans, twists_o
 from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, count_ended, filter_beams, occupancy
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OccupancyGrid
+from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.mapping.first_guess import crowd_weights
 from dynmap_cli.mapping.site import Site
 
@@ -80,7 +83,9 @@ class FilterMap:
     drives: tuple[Registrar, ...]
 
 
-def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> FilterMap:
+def build_filter_map(
+    log: ScanLog, settings: MapSettings, *, threads: int, folder: Path | None = None
+) -> FilterMap:
     """Find poses, map and moving beams together (EM).
 
     Parameters
@@ -88,6 +93,8 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
     log : ScanLog
     settings : MapSettings
     threads : int
+    folder : Path, optional
+        Where tables of all beams are kept when they are large; None = where temporary files are put.
     """
     params = FilterParams(
         settings.static_prior,
@@ -98,29 +105,34 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
     )
     crowd: F32 | None = None
     if settings.poses == "estimate":
-        crowd = crowd_weights(log, settings.usable_range_m, threads=threads)
+        crowd = crowd_weights(log, settings.usable_range_m, threads=threads, folder=folder)
     if crowd is not None:
         _log.info("a crowd: the path is found without the beams that move by the odometry of a few seconds")
     site = Site(log, settings, is_crowded=crowd is not None)
     known: F32 | None = None
+    spare: F32 | None = None
     poses: F64 | None = None
     rounds: list[Round] = []
     while True:
         # Where people come by all the time, few of them stand out on the map of the whole recording.
-        weights = known if crowd is None else crowd if known is None else np.fmin(known, crowd)
+        # Two tables in turn: e of the round before, and that of this one.
+        spare = new_table(log.n_scans, log.n_beams, folder) if spare is None else spare
+        weights = known
+        if crowd is not None:
+            weights = crowd if known is None else _least_of(known, crowd, spare)
         before, poses = poses, site.poses(weights, f"round {len(rounds) + 1} of {settings.max_rounds}")
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
         twists = twists_of(site.log, poses)
-        filtered = filter_beams(site.log, poses, frame, params, twists=twists, threads=threads)
+        filtered = filter_beams(site.log, poses, frame, params, twists=twists, threads=threads, out=spare)
         if not rounds:
             unfiltered = occupancy(all_static(filtered.counting_map))
         rounds.append(_round(filtered, known, poses, before))
-        known = weights = filtered.static_probability  # lets go of those of the round before
+        spare, known = known, filtered.static_probability
         _log.info("round %d: %.1f %% of the beams dynamic", len(rounds), 100 * filtered.dynamic_share)
         if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
             return FilterMap(
                 Trajectory(log.stamps_ns, poses),
-                _with_looks(filtered, site.log, poses, twists, settings),
+                _with_looks(filtered, site.log, poses, twists, settings, folder),
                 tuple(rounds),
                 unfiltered,
                 site.graph,
@@ -131,7 +143,12 @@ def build_filter_map(log: ScanLog, settings: MapSettings, *, threads: int) -> Fi
 
 
 def _with_looks(
-    filtered: FilteredMap, log: ScanLog, poses: F64, twists: F64 | None, settings: MapSettings
+    filtered: FilteredMap,
+    log: ScanLog,
+    poses: F64,
+    twists: F64 | None,
+    settings: MapSettings,
+    folder: Path | None,
 ) -> FilteredMap:
     """The result with those taken out that stood longer, where looks are asked for."""
     if settings.look_s == 0.0:
@@ -143,7 +160,7 @@ def _with_looks(
         LookParams(look_s=settings.look_s, look_prior=settings.look_prior),
         usable_range_m=settings.usable_range_m,
         twists=twists,
-        in_place=True,
+        out=(filtered.static_probability, new_table(log.n_scans, log.n_beams, folder, np.bool_)),
     )
 
 
@@ -157,11 +174,21 @@ def _round(filtered: FilteredMap, weights: F32 | None, poses: F64, before: F64 |
     return Round(filtered.log_likelihood, filtered.dynamic_share, changed, shift, drawn)
 
 
+def _least_of(e: F32, other: F32, out: F32) -> F32:
+    """The smaller e of two tables, or the one that is known."""
+    for first in range(0, e.shape[0], SCANS_PER_CHUNK):
+        rows = slice(first, first + SCANS_PER_CHUNK)
+        out[rows] = np.fmin(copied_rows(e, rows), copied_rows(other, rows))
+        give_back(out)
+    return out
+
+
 def _changed_share(e: F32, before: F32) -> float:
     """Share of the beams with an end point that are called otherwise than before."""
     differ = 0
     for first in range(0, e.shape[0], SCANS_PER_CHUNK):
         rows = slice(first, first + SCANS_PER_CHUNK)
-        differs = (e[rows] < 0.5) != (before[rows] < 0.5)
-        differ += int(np.count_nonzero(differs & np.isfinite(e[rows])))
+        now = copied_rows(e, rows)
+        differs = (now < 0.5) != (copied_rows(before, rows) < 0.5)
+        differ += int(np.count_nonzero(differs & np.isfinite(now)))
     return differ / max(count_ended(e)[0], 1)

@@ -34,14 +34,23 @@ from dynmap_cli.mapping.warnings import (
 from dynmap_cli.mapping.wheel_faults import without_steps
 from dynmap_cli.stage import Stage, StageContext
 
+_BYTES_PER_BEAM, _BYTES_PER_SCAN = 10, 200
+"""Two tables of e and one of what is unknown, or one of each and beams.npz; the trajectory."""
+
+
+def needs(context: StageContext) -> tuple[str, int]:
+    """Room for what is kept of each beam, and for beams.npz."""
+    log = read_scan_log(context.scans_dir)
+    return f"{log.n_scans} scans", log.n_scans * (_BYTES_PER_BEAM * log.n_beams + _BYTES_PER_SCAN)
+
 
 def run(context: StageContext) -> dict[str, Any]:
     """Read the scans, find path, map and moving beams, write map/."""
     log = read_scan_log(context.scans_dir)
     settings = context.config.map
     check_scans(log, settings, str(context.scans_dir))
-    result = build_filter_map(log, settings, threads=context.threads)
     out = context.out_dir
+    result = build_filter_map(log, settings, threads=context.threads, folder=out)
     write_registered(out, result.trajectory, result.beam_interval_s)
     write_beams(
         out / "beams.npz", log.stamps_ns, result.filtered.static_probability, result.filtered.is_unknown
@@ -188,4 +197,5 @@ STAGE = Stage(
         "map/round_1.yaml",
     ),
     run=run,
+    needs=needs,
 )

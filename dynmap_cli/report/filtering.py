@@ -18,8 +18,11 @@ _PANEL_PIXELS, _GAP_PIXELS, _TITLE_PIXELS = (850, 1200), 12, 24
 _NEAR = np.ones((3, 3), dtype=bool)
 
 
-def draw_filtered(final: OccupancyGrid, removed_m: F64) -> Image.Image:
-    """Draw the map with every end point in it, and the filtered one with the removed ones (n, 2) in colour."""
+def draw_filtered(final: OccupancyGrid, removed_m: F64, n_removed: int) -> Image.Image:
+    """Draw the map with every end point in it, and the filtered one with the removed ones (n, 2) in colour.
+
+    Of the *n_removed* beams only one need be given for each cell of the map.
+    """
     nothing = np.empty((0, 2))
     cells: I8 = final.cells.copy()
     row, col = final.frame.to_cells(removed_m).T
@@ -27,9 +30,7 @@ def draw_filtered(final: OccupancyGrid, removed_m: F64) -> Image.Image:
     cells[row[inside], col[inside]] = OCCUPIED
     every_end = MapPicture(OccupancyGrid(final.frame, cells), *_PANEL_PIXELS).draw(nothing, (), ())
     filtered = MapPicture(final, *_PANEL_PIXELS).draw(removed_m, (), ())
-    return side_by_side(
-        (("every end point", every_end), (f"filtered, {removed_m.shape[0]} beams removed", filtered))
-    )
+    return side_by_side((("every end point", every_end), (f"filtered, {n_removed} beams removed", filtered)))
 
 
 def draw_rounds_of_map(

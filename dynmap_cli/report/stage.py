@@ -8,12 +8,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynmap_cli.domain.grid import OccupancyGrid
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.domain.grid import GridFrame, OccupancyGrid
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.patches import PatchSet, Visit
-from dynmap_cli.domain.scans import end_points
+from dynmap_cli.domain.scans import ScanLog, end_points
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.files.counting_map import read_beams
+from dynmap_cli.files.counting_map import beams_in_parts
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import read_text
 from dynmap_cli.files.manifest import Manifest, read_manifest
@@ -33,6 +37,7 @@ if TYPE_CHECKING:
 
 DYNAMIC_BELOW = 0.5
 """A beam with a smaller e hit something that moves."""
+_FIGURES_BYTES = 20_000_000
 _STAGES = (
     ("ingest", "scans", "ingest", "Recordings"),
     ("map", "map", "map", "Path, map and moving beams"),
@@ -40,6 +45,11 @@ _STAGES = (
     ("cluster", "patches", "clustering", "States of each area"),
 )
 """Name of the stage, its folder, its section of the settings, title on the page."""
+
+
+def needs(context: StageContext) -> tuple[str, int]:
+    """Room for the figures, which are as large for a large map as for a small one, and once more in the page."""
+    return "report.html and figures/", _FIGURES_BYTES
 
 
 def run(context: StageContext) -> dict[str, Any]:
@@ -111,22 +121,21 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
     folder = context.run_dir / "map"
     poses = read_tum(folder / "trajectory.tum").poses
     log = read_scan_log(context.scans_dir)
-    is_removed = read_beams(folder / "beams.npz", (log.n_scans, log.n_beams)) < DYNAMIC_BELOW
-    removed = end_points(log, poses, is_removed)
-    paths = [poses[log.drive_index == number, :2] for number in range(log.n_drives)]
     grid, _ = read_map(folder / "map.yaml")
+    removed, n_removed = _removed_ends(folder / "beams.npz", log, poses, grid.frame)
+    paths = [poses[log.drive_index == number, :2] for number in range(log.n_drives)]
     unfiltered, _ = read_map(folder / "unfiltered.yaml")
     curves = draw_rounds(_read_rounds(folder / "em.csv"))
     caption = (
         "Black: walls. White: free. Grey: never seen. Blue: the path. "
-        f"Orange: {removed.shape[0]} end points of beams that hit something that moves, left out of the map. "
+        f"Orange: {n_removed} end points of beams that hit something that moves, left out of the map. "
         + ("Red: areas that change, with their numbers." if submaps else "No area was seen in two states.")
     )
     return (
         Picture("map.png", _png(MapPicture(grid).draw(removed, paths, submaps)), caption),
         Picture(
             "dynamic.png",
-            _png(draw_filtered(grid, removed)),
+            _png(draw_filtered(grid, removed, n_removed)),
             "The map with every end point in it, and the filtered one. Orange: where the removed beams ended.",
         ),
         Picture(
@@ -136,6 +145,24 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
             "all beams are explained, how many are called dynamic.",
         ),
     )
+
+
+def _removed_ends(path: Path, log: ScanLog, poses: F64, frame: GridFrame) -> tuple[F64, int]:
+    """End points (n, 2) of removed beams, the first in each cell of the map, and how many beams were removed."""
+    is_shown = np.zeros(frame.shape, dtype=bool)
+    ends, count = [], 0
+    for rows, e in beams_in_parts(path, (log.n_scans, log.n_beams)):
+        points = end_points(log.select(rows), poses[rows], e < DYNAMIC_BELOW)
+        give_back(log.ranges_m)
+        count += points.shape[0]
+        cells = frame.to_cells(points)
+        inside = ((cells >= 0) & (cells < np.array(frame.shape))).all(axis=1)
+        points, (row, col) = points[inside], cells[inside].T
+        _, first = np.unique(row * frame.cols + col, return_index=True)
+        first = first[~is_shown[row[first], col[first]]]
+        is_shown[row[first], col[first]] = True
+        ends.append(points[first])
+    return np.concatenate([np.empty((0, 2)), *ends]), count
 
 
 def _rounds_of_map(folder: Path, unfiltered: OccupancyGrid) -> list[tuple[str, OccupancyGrid]]:
@@ -222,4 +249,5 @@ STAGE = Stage(
     reads=("scans/", "map/", "submaps/", "patches/"),
     writes=("report.html", "figures/"),
     run=run,
+    needs=needs,
 )

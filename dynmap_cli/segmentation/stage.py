@@ -33,6 +33,7 @@ from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.stage import Stage, StageContext
 
 _PLACES_PER_LINE = 5
+_BYTES_PER_CELL = 2
 
 
 def find_submaps(
@@ -97,6 +98,12 @@ def region_params(settings: SegmentationSettings, resolution_m: float) -> Region
     )
 
 
+def needs(context: StageContext) -> tuple[str, int]:
+    """Room for the masks, which overlap where sub-maps were corrected by hand."""
+    n_cells = (context.run_dir / "map" / "map.pgm").stat().st_size
+    return f"the masks of areas on a map of {n_cells} cells", _BYTES_PER_CELL * n_cells
+
+
 def run(context: StageContext) -> dict[str, Any]:
     """Read, call, write."""
     settings = context.config.segmentation
@@ -149,4 +156,5 @@ STAGE = Stage(
     reads=("scans/", "map/", "known/", EDITS),
     writes=("submaps/",),
     run=run,
+    needs=needs,
 )

@@ -11,6 +11,7 @@ from dynmap_cli.counting.counts import frame_of_scans
 from dynmap_cli.counting.em import FilterParams, expectation_of, filter_beams
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.kernels.standing import count_kept, judge_beams
 from tests.counting.scenes import N_SCANS, RATE_HZ, THING_M, WALL_M, scene, standing
 
 PAUSE_S = 1000.0
@@ -162,3 +163,32 @@ def test_expectation_rises_with_the_share_and_crosses_one_half_at_the_threshold(
     assert 0.0 <= low <= high <= 1.0
     at_threshold = expectation_of(np.array([[2.0 * (1.0 - prior)]]), prior)[0, 0]
     assert at_threshold == pytest.approx(0.5, abs=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_beams_are_judged_as_by_the_plain_rules(seed):
+    draw = np.random.default_rng(seed)
+    n_cells, shape = 12, (5, 7)
+    cells = draw.integers(-1, n_cells, shape).astype(np.int32)
+    by_beams, least, most, places, things = (
+        (draw.integers(0, 9, size) / 8).astype(np.float32)
+        for size in (shape, n_cells, n_cells, n_cells, n_cells)
+    )
+    by_beams[cells < 0] = np.nan
+    can_be_open = draw.integers(0, 2, n_cells).astype(np.uint8)
+    hits, expected_hits = np.zeros(n_cells), np.zeros(n_cells)
+    expected_e, expected_open = np.full(shape, np.nan, dtype=np.float32), np.zeros(shape, dtype=bool)
+    for at in zip(*np.nonzero(cells >= 0), strict=True):
+        cell = cells[at]
+        e = min(max(by_beams[at], least[cell]), most[cell])
+        expected_hits[cell] += e >= 0.5
+        is_open = e >= 0.5 and bool(can_be_open[cell])
+        e = min([e, places[cell], *([things[cell], np.float32(0.9)] if is_open else [])])
+        expected_e[at], expected_open[at] = max(e, np.float32(0.01)), is_open and e >= 0.5
+    count_kept(cells, by_beams, least, most, hits)
+    np.testing.assert_array_equal(hits, expected_hits)
+    is_open = np.ones(shape, dtype=bool)
+    bounds = float(np.float32(0.9)), float(np.float32(0.01))
+    judge_beams(cells, by_beams, least, most, places, things, can_be_open, *bounds, by_beams, is_open)
+    np.testing.assert_array_equal(by_beams, expected_e)
+    np.testing.assert_array_equal(is_open, expected_open)

@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynmap_cli.domain.mapped import mapping_of
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.ingest import columns, space
+from dynmap_cli.files import space, tables
+from dynmap_cli.files.tables import new_table
+from dynmap_cli.ingest import columns
 from dynmap_cli.ingest.columns import (
     Growing,
     RangeStore,
     blocks_of,
     kept_rows,
-    new_table,
     picked_rows,
     put_rows,
 )
@@ -32,6 +34,7 @@ from tests.ingest.written import World, write_bag1, write_mcap
 def tiny(monkeypatch):
     """Nearly nothing may be held in memory."""
     monkeypatch.setattr(columns, "_MOST_IN_MEMORY_BYTES", 100)
+    monkeypatch.setattr(tables, "_MOST_IN_MEMORY_BYTES", 100)
     monkeypatch.setattr(columns, "_MOST_OF_COLUMN_BYTES", 60)
     monkeypatch.setattr(columns, "_BLOCK_BYTES", 200)
 
@@ -87,7 +90,7 @@ def test_sweeps_come_back_from_the_store_in_any_order(lengths, seed, in_file):
 def test_tables_in_a_file_are_like_those_in_memory(tiny):
     values = np.random.default_rng(1).random((40, 7)).astype(np.float32)
     table = new_table(40, 7, None)
-    assert isinstance(table, np.memmap)
+    assert mapping_of(table) is not None
     for rows in blocks_of(table):
         table[rows] = values[rows]
     wanted = values[:, 0] < 0.5
@@ -141,7 +144,7 @@ def test_a_recording_too_large_for_memory_is_read_as_a_small_one(
     small, said = read_recordings([path], IngestSettings())
     request.getfixturevalue("tiny")
     large, again = read_recordings([path], IngestSettings(), tmp_path)
-    assert isinstance(large.ranges_m, np.memmap)
+    assert mapping_of(large.ranges_m) is not None
     assert again == said
     for name in ("stamps_ns", "ranges_m", "odometry", "geometry_index", "bearings_rad", "arrival_index"):
         np.testing.assert_array_equal(getattr(large, name), getattr(small, name))
@@ -156,9 +159,11 @@ def test_memory_does_not_grow_with_the_ranges(tmp_path):
         code = (
             "import sys, tracemalloc; from pathlib import Path\n"
             "import dynmap_cli.ingest.columns as columns\n"
+            "import dynmap_cli.files.tables as tables\n"
             "import dynmap_cli.ingest.bags\n"
             "from dynmap_cli.ingest.reading import read_recordings\n"
             "from dynmap_cli.ingest.settings import IngestSettings\n"
+            "tables._MOST_IN_MEMORY_BYTES = 1 << 16\n"
             "columns._MOST_IN_MEMORY_BYTES = columns._MOST_OF_COLUMN_BYTES = columns._BLOCK_BYTES = 1 << 16\n"
             "dynmap_cli.ingest.bags.Batches._BATCH = 1\n"
             "tracemalloc.start()\n"

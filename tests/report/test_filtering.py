@@ -33,7 +33,7 @@ def test_grids_keep_their_place_in_one_frame():
 
 
 def test_removed_beams_are_coloured_only_in_the_filtered_map():
-    picture = draw_filtered(grid_with([(0, 0)]), np.array([[0.5, 0.5], [9.0, 9.0]]))
+    picture = draw_filtered(grid_with([(0, 0)]), np.array([[0.5, 0.5], [9.0, 9.0]]), 2)
     half = picture.width // 2
     assert count(picture.crop((0, 0, half, picture.height)), ORANGE) == 0
     assert count(picture.crop((half, 0, picture.width, picture.height)), ORANGE) == 4

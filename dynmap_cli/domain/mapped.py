@@ -6,6 +6,7 @@ import mmap
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _PAGES_CAN_GO = hasattr(mmap, "MADV_DONTNEED")
 
@@ -23,3 +24,12 @@ def give_back(array: Any) -> None:
     mapping = mapping_of(array)
     if mapping is not None and _PAGES_CAN_GO:
         mapping.madvise(mmap.MADV_DONTNEED)
+
+
+def copied_rows(table: NDArray[Any], rows: Any) -> NDArray[Any]:
+    """Some rows of a table in memory; where it is mapped from a file, nothing else of it stays there."""
+    part = np.asarray(table[rows])
+    if np.may_share_memory(part, table):
+        part = part.copy()
+    give_back(table)
+    return part

@@ -1,0 +1,54 @@
+"""Room on the disk, looked at before much is written."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from pathlib import Path
+
+from dynmap_cli.errors import ArtifactError
+
+_log = logging.getLogger(__name__)
+_WORTH_SAYING_BYTES = 10**8
+
+
+def check_space(name: str, what: str, n_bytes: int, folder: Path) -> None:
+    """Say how much will be written, if it is much, and refuse it if there is not as much room.
+
+    Parameters
+    ----------
+    name : str
+        Whose it is: a recording, or a stage.
+    what : str
+        What has to be kept, for instance "1000 scans".
+    n_bytes : int
+        How much is written at most, with what is taken away again at the end.
+    folder : Path
+        Where; it need not be there yet.
+
+    Raises
+    ------
+    ArtifactError
+        If the disk is too full.
+    """
+    there = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+    free = shutil.disk_usage(there).free
+    if n_bytes > free:
+        msg = (
+            f"{name}: {_gigabytes(n_bytes)} are needed on the disk of {folder.parent} for {what}, "
+            f"{_gigabytes(free)} are free. Free the place or choose another output."
+        )
+        raise ArtifactError(msg)
+    if n_bytes >= _WORTH_SAYING_BYTES:
+        _log.info(
+            "%s: %s need about %s on the disk, %s are free",
+            name,
+            what,
+            _gigabytes(n_bytes),
+            _gigabytes(free),
+        )
+
+
+def _gigabytes(n_bytes: int) -> str:
+    """A size for people."""
+    return f"{n_bytes / 1e9:.1f} GB"
