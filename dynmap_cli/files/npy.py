@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import tokenize
-import zipfile
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -13,12 +13,12 @@ from typing import IO, Any
 import numpy as np
 
 from dynmap_cli.files.mapped import give_back
+from dynmap_cli.files.zip_archive import ZipArchive
 
 Array = np.ndarray[Any, Any]
 _MAX_HEADER_BYTES = 4096
+_MAGIC = np.lib.format.magic(1, 0)
 _PIECE_BYTES = 1 << 22
-_MOST_UNPACKED_PER_BYTE = 1100
-"""Deflate cannot do more; a file that says so lies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,24 +68,15 @@ def read_npz(path: Path, columns: Mapping[str, Column], max_bytes: int) -> dict[
 
     Raises
     ------
-    OSError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+    OSError, ValueError
         If it is missing, cut off, damaged, absurdly large, or its arrays are not of those types.
     """
-    with zipfile.ZipFile(path) as archive:
-        return {
-            name: _read_member(archive, f"{name}.npy", column, max_bytes) for name, column in columns.items()
-        }
-
-
-def _read_member(archive: zipfile.ZipFile, name: str, column: Column, max_bytes: int) -> Array:
-    """Read one array of an archive."""
-    info = archive.getinfo(name)
-    most = min(max_bytes, _MOST_UNPACKED_PER_BYTE * info.compress_size) + _MAX_HEADER_BYTES
-    if info.file_size > most:
-        msg = f"{name} unpacks to {info.file_size} bytes, at most {most} are allowed"
-        raise ValueError(msg)
-    with archive.open(info) as stream:
-        return parse_npy(stream, info.file_size, column, name)
+    with closing(ZipArchive(path)) as archive:
+        found = {}
+        for name, column in columns.items():
+            with archive.stream(f"{name}.npy", max_bytes + _MAX_HEADER_BYTES) as (stream, size):
+                found[name] = parse_npy(stream, size, column, f"{name}.npy")
+        return found
 
 
 def parse_npy(stream: IO[bytes], size: int, column: Column, name: str) -> Array:
@@ -101,19 +92,20 @@ def parse_npy(stream: IO[bytes], size: int, column: Column, name: str) -> Array:
 
 def _checked_header(stream: IO[bytes], size: int, column: Column, name: str) -> tuple[int, ...]:
     """Shape of the array whose header stands at the start of the stream, in rows and as long as the file."""
-    if np.lib.format.read_magic(stream) != (1, 0):
+    if stream.read(len(_MAGIC)) != _MAGIC:
         msg = f"{name} is not a .npy file of version 1.0"
         raise ValueError(msg)
     try:
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream, _MAX_HEADER_BYTES)
-    except (SyntaxError, RecursionError, tokenize.TokenError) as err:
+    except (SyntaxError, RecursionError, tokenize.TokenError, ValueError, TypeError) as err:
         msg = f"{name} has a damaged header"
         raise ValueError(msg) from err
     wanted = np.dtype(column.dtype)
     if dtype != wanted or is_fortran or not _fits(shape, column.shape):
         order = " in columns" if is_fortran else ""
         lengths = ", ".join("any" if length is None else str(length) for length in column.shape)
-        msg = f"{name} is {dtype} {shape}{order}, not {wanted} ({lengths}) in rows"
+        kind = "Python objects" if dtype.hasobject else dtype
+        msg = f"{name} is {kind} {shape}{order}, not {wanted} ({lengths}) in rows"
         raise ValueError(msg)
     if math.prod(shape) * wanted.itemsize != size - stream.tell():
         msg = f"{name} is {shape} by its header, which are not the {size} bytes there are"
