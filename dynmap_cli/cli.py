@@ -11,6 +11,7 @@ import click
 
 from dynmap_cli import __version__
 from dynmap_cli.errors import DynmapError
+from dynmap_cli.printable import for_people
 
 VERBS = (
     "check",
@@ -72,7 +73,7 @@ class DynmapGroup(click.Group):
         try:
             return super().invoke(ctx)
         except DynmapError as err:
-            click.echo(f"dynmap: {' '.join(str(err).splitlines())}", err=True)
+            click.echo(f"dynmap: {for_people(' '.join(str(err).splitlines()))}", err=True)
             sys.exit(err.exit_code)
         except KeyboardInterrupt:
             click.echo("dynmap: interrupted; finished stages are kept", err=True)

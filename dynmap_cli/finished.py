@@ -101,23 +101,26 @@ def compare(
     most_states: int,
     threads: int,
     force: bool,
-) -> dict[str, Any]:
+) -> list[StageResult]:
     """Localize recordings in the patch map of a run and in maps without it; their columns go to `<out_dir>/scans`."""
     _check_no_run(out_dir)
     check_recordings(recordings)
+    context = replace(
+        context_of(run_dir, config, threads, ()),
+        scans_dir=out_dir / INGEST.folder,
+        beside=truth.paths(),
+        options={
+            "--states": most_states,
+            "--truth": str(truth.recording or ""),
+            "--map-truth": str(truth.mapped or ""),
+        },
+    )
     with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir):
         if not force:
             keep_recordings(out_dir, recordings)
-        run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
-        return comparison.compare(
-            run_dir,
-            out_dir / INGEST.folder,
-            out_dir,
-            config,
-            truth,
-            most_states=most_states,
-            threads=threads,
-        )
+        ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
+        compared = run_stage(comparison.stage_of(truth, most_states), context, force=force, target=out_dir)
+        return [ingested, compared]
 
 
 _FOLDERS_OF_A_RUN = {"scans", "map", "submaps", "patches", "figures", "known", "timeline"}

@@ -35,6 +35,7 @@ from dynmap_cli.files.space import check_space
 from dynmap_cli.ingest.containers import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
+from dynmap_cli.printable import printable
 from dynmap_cli.report.stage import STAGE as REPORT
 from dynmap_cli.reruns import check_same_recordings, why_again
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
@@ -187,7 +188,7 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
     The work writes into a scratch folder, so a failure leaves earlier results as they were.
     """
     folder = target or (context.run_dir / stage.folder if stage.folder else context.run_dir)
-    settings = _settings_of(stage, context.config)
+    settings = {**_settings_of(stage, context.config), **context.options}
     done = None if force else read_manifest(folder, stage.name)
     inputs = _inputs_of(stage, context)
     if done is not None:
@@ -208,6 +209,8 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
             for path in sorted(part.rglob("*"))
             if path.is_file()
         }
+        # They go to terminals, and names of others stand in them.
+        summary["lines"] = [printable(line) for line in summary.get("lines", ())]
         manifest = Manifest(
             stage=stage.name,
             settings=settings,
@@ -289,7 +292,7 @@ def _inputs_of(stage: Stage, context: StageContext) -> dict[str, str]:
         inputs.update(known.known_digests(context.run_dir))
     if edits.NAME in stage.reads:
         inputs.update(edits.edit_digests(context.run_dir))
-    return inputs
+    return inputs | digests_of(context.beside, ArtifactError)
 
 
 def _recordings_of(context: StageContext) -> dict[str, str]:

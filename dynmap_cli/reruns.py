@@ -63,9 +63,10 @@ def why_again(
 
 
 def _changed_settings(section: str, before: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """Name every setting with its old and its new value; the seed belongs to no section."""
+    """Name every setting with its old and its new value; the seed and options belong to no section."""
     return [
-        f"{key if key == 'seed' else f'{section}.{key}'} {_shown(before, key)} -> {_shown(now, key)}"
+        f"{key if key == 'seed' or key.startswith('--') else f'{section}.{key}'} "
+        f"{_shown(before, key)} -> {_shown(now, key)}"
         for key in sorted(before.keys() | now.keys())
         if before.get(key) != now.get(key) or (key in before) != (key in now)
     ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,10 @@ class StageContext:
         A map_server map to localize in, instead of the run's own maps.
     earlier_scans : Path or None
         Columns of recordings that were read before, to which the recordings are added.
+    beside : tuple of Path
+        Further files that the work reads.
+    options : mapping of str to Any
+        Plain values of options that are no settings, and that the result depends on, by their names (`--states`).
     """
 
     run_dir: Path
@@ -42,6 +46,8 @@ class StageContext:
     scans_dir: Path
     map_yaml: Path | None = None
     earlier_scans: Path | None = None
+    beside: tuple[Path, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,14 @@ from dynmap_cli.commands.options import (
     shared_options,
     start_option,
 )
+from dynmap_cli.commands.piped import LogPath
 
 MOST_STATES = 20
 
 
 @click.command("compare")
 @click.argument("run_dir", metavar="RUN", type=PATH)
-@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=PATH)
+@click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/comparison/NAME.")
 @click.option("--truth", metavar="FILE.tum", type=PATH, help="True poses of LOG; errors are measured then.")
 @click.option(
@@ -37,7 +38,9 @@ MOST_STATES = 20
     show_default=True,
     help="Maps of one state at most; each costs one more localization.",
 )
-@click.option("--force", is_flag=True, help="Replace results of other recordings.")
+@click.option(
+    "--force", is_flag=True, help="Run also when up to date, and replace results of other recordings."
+)
 @recording_options
 @start_option
 @shared_options
@@ -56,14 +59,14 @@ def command(
     These are the map of all beams, the filtered map, the union of all states, and the map in single states. Draws
     errors and states over time (Fig. 1.13 and 1.15 of the paper).
     """
-    from dynmap_cli.comparison.stage import TruthFiles
+    from dynmap_cli.comparison.stage import FILES, TruthFiles
     from dynmap_cli.finished import compare
 
     if map_truth is not None and truth is None:
         msg = "--map-truth needs --truth"
         raise click.UsageError(msg)
     out_dir = out_dir or run_dir / "comparison" / recordings[0].name.split(".")[0]
-    summary = compare(
+    results = compare(
         run_dir,
         recordings,
         out_dir,
@@ -73,5 +76,9 @@ def command(
         threads=shared.threads,
         force=force,
     )
-    lines = [*summary["lines"], *(f"{Path(name).stem:12}{path}" for name, path in summary["files"].items())]
-    print_summary(summary, lines, as_json=shared.as_json)
+    summary = dict(results[-1].manifest.summary)
+    files = {name: str(out_dir / name) for name in FILES}
+    warnings = [line for line in results[0].manifest.summary.get("lines", ()) if line.startswith("warning")]
+    lines = [*(f"ingest: {line}" for line in warnings), *summary["lines"]]
+    lines += [f"{Path(name).stem:12}{path}" for name, path in files.items()]
+    print_summary({**summary, "files": files}, lines, as_json=shared.as_json)

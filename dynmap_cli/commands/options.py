@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.printable import for_people
 
 if TYPE_CHECKING:
     from dynmap_cli.config import Config, LoadedConfig
@@ -165,6 +166,14 @@ def start_option(function: Function) -> Function:
     return wrapper
 
 
+class _ForPeople(logging.Formatter):
+    """Log lines that no name of others can break."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One record as it is said to people."""
+        return for_people(super().format(record))
+
+
 def set_up_logging(verbose: int, *, quiet: bool) -> None:
     """Send log lines to stderr; -q leaves warnings and errors, -v adds details."""
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
@@ -172,7 +181,7 @@ def set_up_logging(verbose: int, *, quiet: bool) -> None:
     logger.setLevel(level)
     logger.handlers.clear()
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("%(message)s"))
+    handler.setFormatter(_ForPeople("%(message)s"))
     logger.addHandler(handler)
 
 
@@ -186,9 +195,9 @@ def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -
         summary = {**summary, "warnings": [_WARNING.sub(r"\1", line) for line in warnings]}
         echo(json.dumps(_as_json(summary), indent=2, sort_keys=True, allow_nan=False) + "\n")
     else:
-        echo("".join(f"{line}\n" for line in lines if line not in warnings))
+        echo("".join(f"{for_people(line)}\n" for line in lines if line not in warnings))
     for line in warnings:
-        click.echo(line, err=True)
+        click.echo(for_people(line), err=True)
 
 
 def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: bool) -> None:

@@ -12,7 +12,8 @@ from typing import Any
 
 import click
 
-_STDIN = Path("/dev/stdin")
+from dynmap_cli.printable import STANDARD_INPUT
+
 _BLOCK_BYTES = 1 << 20
 
 
@@ -31,7 +32,7 @@ class LogPath(click.Path):
         if not stat.S_ISREG(os.fstat(0).st_mode):
             _put_by(ctx)
         # Results name it so, whatever the private folder is called.
-        return _STDIN
+        return Path(STANDARD_INPUT)
 
 
 def _put_by(ctx: click.Context) -> None:
@@ -43,7 +44,8 @@ def _put_by(ctx: click.Context) -> None:
     with (Path(folder.name) / "stdin").open("xb+") as target:
         while block := os.read(0, _BLOCK_BYTES):
             if shutil.disk_usage(folder.name).free < 2 * _BLOCK_BYTES:
-                msg = f"-: larger than {folder.name} has place for. Copy the recording into a file, or set TMPDIR."
+                remedy = "Copy the recording into a file, or set TMPDIR."
+                msg = f"standard input: larger than {folder.name} has place for. {remedy}"
                 raise LogError(msg)
             target.write(block)
         target.flush()

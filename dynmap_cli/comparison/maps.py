@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,8 +39,8 @@ class ComparedMap:
 def compared_maps(run_dir: Path, most_states: int) -> tuple[list[ComparedMap], int]:
     """The maps, the patch map first, and how many maps of one state were left out.
 
-    A map of one state has every sub-map in its k-th most common state (in its rarest, where it has fewer), so there
-    are as many as the richest sub-map has states.
+    A map of state k has every sub-map in the state that `states.csv` calls k, or in its most common one where it has no
+    such state.
     """
     filtered, _ = read_map(run_dir / "map" / "map.yaml")
     unfiltered, _ = read_map(run_dir / "map" / "unfiltered.yaml")
@@ -49,21 +50,29 @@ def compared_maps(run_dir: Path, most_states: int) -> tuple[list[ComparedMap], i
         ComparedMap("all beams", "the map that all beams draw, without filter", unfiltered, ()),
         ComparedMap("filtered map", "the map without what moves", filtered, ()),
     ]
-    richest = max((len(one.patches) for one in sets), default=0)
-    if richest:
+    if sets:
         about = "occupied where any state is"
         maps.append(ComparedMap("all states", about, filtered, tuple(map(union_of_states, sets))))
-    shown = min(richest, most_states)
+    numbers = state_numbers(sets)
     maps += [
         ComparedMap(
-            f"state {rank + 1}",
-            f"every sub-map in its {_ordinal(rank + 1)} state",
+            f"state {number}",
+            f"every sub-map in state {number}, or in its most common",
             filtered,
-            tuple(one_state(one, rank) for one in sets),
+            tuple(one_state(one, number) for one in sets),
         )
-        for rank in range(shown)
+        for number in sorted(numbers[:most_states])
     ]
-    return maps, richest - shown
+    return maps, len(numbers[most_states:])
+
+
+def state_numbers(patch_sets: Sequence[PatchSet]) -> list[int]:
+    """Numbers of the states of all sub-maps together, those that were seen most often first."""
+    seen: Counter[int] = Counter()
+    for patch_set in patch_sets:
+        for patch in patch_set.patches:
+            seen[patch.patch_id] += patch.support
+    return sorted(seen, key=lambda number: (-seen[number], number))
 
 
 def union_of_states(patch_set: PatchSet) -> PatchSet:
@@ -74,16 +83,13 @@ def union_of_states(patch_set: PatchSet) -> PatchSet:
     return _with(patch_set, [Patch(0, sum(patch.support for patch in patch_set.patches), most)])
 
 
-def one_state(patch_set: PatchSet, rank: int) -> PatchSet:
-    """The same sub-map with its *rank*-th most common state alone, or with its rarest."""
-    order = sorted(patch_set.patches, key=lambda patch: (-patch.support, patch.patch_id))
-    return _with(patch_set, [order[min(rank, len(order) - 1)]])
+def one_state(patch_set: PatchSet, number: int) -> PatchSet:
+    """The same sub-map with the state of this number alone, or with its most common one."""
+    order = sorted(
+        patch_set.patches, key=lambda patch: (patch.patch_id != number, -patch.support, patch.patch_id)
+    )
+    return _with(patch_set, order[:1])
 
 
 def _with(patch_set: PatchSet, patches: Sequence[Patch]) -> PatchSet:
     return replace(patch_set, patches=tuple(patches))
-
-
-def _ordinal(number: int) -> str:
-    names = ("most common", "second most common", "third most common")
-    return names[number - 1] if number <= len(names) else f"{number}th most common"

@@ -19,7 +19,6 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.evaluation.association import associate, known_poses
 from dynmap_cli.evaluation.trajectories import LEAST_POSES, align, read_reference
-from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.patch_archive import read_names
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import format_stamp, read_tum
@@ -27,6 +26,7 @@ from dynmap_cli.localization.global_start import global_start, is_usable
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.particle_filter import estimate_pose
 from dynmap_cli.progress import progress
+from dynmap_cli.stage import Stage, StageContext
 
 SUMMARY_HEADER = (
     "map,updates,particle_error_mean_m,pose_error_mean_m,pose_error_p95_m,pose_error_max_m,spread_mean_m,"
@@ -36,6 +36,9 @@ OVER_TIME_HEADER = (
     "stamp_s,map,x_m,y_m,yaw_rad,particle_error_m,pose_error_m,spread_m,log_likelihood_per_beam,"
     "away_from_patch_map_m,is_lost"
 )
+
+
+FILES = ("comparison.csv", "over_time.csv", "pose_error.png", "states.png")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,21 +57,31 @@ class TruthFiles:
     recording: Path | None = None
     mapped: Path | None = None
 
+    def paths(self) -> tuple[Path, ...]:
+        """Those that were given."""
+        return tuple(path for path in (self.recording, self.mapped) if path is not None)
 
-def compare(
-    run_dir: Path,
-    scans_dir: Path,
-    out_dir: Path,
-    config: Config,
-    truth_files: TruthFiles,
-    *,
-    most_states: int,
-    threads: int,
-) -> dict[str, Any]:
+
+def stage_of(truth_files: TruthFiles, most_states: int) -> Stage:
+    """The comparison as a stage: its files take their place together, and it is not done twice."""
+    return Stage(
+        name="compare",
+        title="localizing in each of the maps",
+        section="localization",
+        folder="",
+        reads=("scans/", "map/", "patches/"),
+        writes=FILES,
+        run=lambda context: compare(context, truth_files, most_states),
+        seeded=True,
+    )
+
+
+def compare(context: StageContext, truth_files: TruthFiles, most_states: int) -> dict[str, Any]:
     """Localize the scans in each map from the same start, and write what that shows."""
     from dynmap_cli.comparison.figures import draw_beliefs, draw_courses
 
-    log = read_scan_log(scans_dir)
+    run_dir, config = context.run_dir, context.config
+    log = read_scan_log(context.scans_dir)
     truth = read_truth(run_dir, truth_files)
     if truth is not None and not np.isfinite(true_positions_m(truth, log.stamps_ns)).any():
         msg = (
@@ -78,43 +91,53 @@ def compare(
         )
         raise ArtifactError(msg)
     maps, left_out = compared_maps(run_dir, most_states)
-    start, by = common_start(log, maps[0], config, truth, threads)
+    start, by = common_start(log, maps[0], config, truth, context.threads)
     settings = config.localization.model_copy(
         update={"start": tuple(start.tolist()), "save_particles": False}
     )
-    courses = []
     with progress("compare", log.n_scans * len(maps), "scans") as tick:
-        for compared in maps:
-            courses.append(
-                course_in(compared, log, settings, truth, seed=config.seed, threads=threads, tick=tick)
-            )
+        courses = [
+            course_in(one, log, settings, truth, seed=config.seed, threads=context.threads, tick=tick)
+            for one in maps
+        ]
     called = {
         number: f"{number} ({name})" if name else str(number)
         for number, name in read_names(run_dir / "patches" / "patches.zip").items()
     }
-    files = {
-        "comparison.csv": as_summary(courses).encode("ascii"),
-        "over_time.csv": as_table(courses).encode("ascii"),
-        "pose_error.png": draw_courses(courses, with_truth=truth is not None),
-        "states.png": draw_beliefs(courses[0], called),
-    }
-    for name, content in files.items():
-        with replacing(out_dir / name) as part:
-            part.write_bytes(content)
-    lines = [f"start {start[0]:.2f}, {start[1]:.2f} m, {np.degrees(start[2]):.0f} degrees, {by}"]
-    lines += [_sentence(course, courses[0]) for course in courses]
-    if left_out:
-        states = "map of rarer states is" if left_out == 1 else "maps of rarer states are"
-        lines.append(f"{left_out} {states} left out; --states allows more")
-    if log.n_drives > 1:
-        lines.append(f"only the first of {log.n_drives} drives has a common start; the others start unknown")
+    contents = (
+        as_summary(courses).encode("ascii"),
+        as_table(courses).encode("ascii"),
+        draw_courses(courses, with_truth=truth is not None),
+        draw_beliefs(courses[0], called),
+    )
+    for name, content in zip(FILES, contents, strict=True):
+        (context.out_dir / name).write_bytes(content)
     return {
-        "maps": {course.compared.name: _numbers(course, courses[0]) for course in courses},
+        "maps": {course.compared.name: _plain(_numbers(course, courses[0])) for course in courses},
         "start": [round(value, 4) for value in start.tolist()],
         "left_out": left_out,
-        "files": {name: str(out_dir / name) for name in files},
-        "lines": lines,
+        "lines": [
+            f"start {start[0]:.2f}, {start[1]:.2f} m, {np.degrees(start[2]):.0f} degrees, {by}",
+            *(_sentence(course, courses[0]) for course in courses),
+            *_left_out(left_out, log.n_drives),
+        ],
     }
+
+
+def _left_out(n_maps: int, n_drives: int) -> list[str]:
+    """What was not compared, or not from the common start."""
+    lines = []
+    if n_maps:
+        states = "map of a rarer state is" if n_maps == 1 else "maps of rarer states are"
+        lines.append(f"{n_maps} {states} left out; --states allows more")
+    if n_drives > 1:
+        lines.append(f"only the first of {n_drives} drives has a common start; the others start unknown")
+    return lines
+
+
+def _plain(numbers: dict[str, float]) -> dict[str, float | None]:
+    """Numbers as JSON has them: None where nothing is known."""
+    return {name: value if np.isfinite(value) else None for name, value in numbers.items()}
 
 
 def read_truth(run_dir: Path, files: TruthFiles) -> Trajectory | None:

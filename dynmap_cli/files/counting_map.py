@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, I64
-from dynmap_cli.domain.grid import MAX_CELLS, CountingMap, GridFrame
+from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, CountingMap, GridFrame
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.npy import Column, npz_rows, read_npz, write_npz
+from dynmap_cli.files.zip_archive import ZipArchive
 
 _GRIDS = {
     "static_hits": Column("<f4", (None, None)),
@@ -21,6 +23,7 @@ _GRIDS = {
     "passed_cells": Column("<f4", (None, None)),
     "centroids_m": Column("<f4", (None, None, 2)),
 }
+_RESOLUTIONS_M = (0.001, 100.0)
 _FRAME = {"resolution_m": Column("<f8", ()), "origin_m": Column("<f8", (2,))}
 _REMEDY = "Run `dynmap map` again with --force."
 
@@ -54,6 +57,12 @@ def read_counting_map(path: Path) -> CountingMap:
         if any(arrays[name].shape[:2] != shape for name in _GRIDS):
             msg = f"grids of different sizes: {[arrays[name].shape for name in _GRIDS]}"
             raise ValueError(msg)
+        for name in ("static_hits", "dynamic_hits", "passed_cells"):
+            _check_values(
+                arrays[name], name, "finite and at least 0", np.isfinite(arrays[name]) & (arrays[name] >= 0)
+            )
+        centroids = arrays["centroids_m"]
+        _check_values(centroids, "centroids_m", f"within {FARTHEST_M:g} m", ~(np.abs(centroids) > FARTHEST_M))
         grids = {name: arrays[name].astype(np.float64) for name in _GRIDS}
         return CountingMap(_frame_of(arrays, shape), **grids)
 
@@ -75,11 +84,27 @@ def read_map_frame(path: Path) -> GridFrame:
 def _frame_of(arrays: Mapping[str, Any], shape: tuple[int, ...]) -> GridFrame:
     """Check and build the frame of grids of a shape."""
     resolution, (x, y) = float(arrays["resolution_m"]), arrays["origin_m"].tolist()
-    if not (0.0 < resolution < math.inf and math.isfinite(x) and math.isfinite(y)):
-        msg = f"resolution_m {resolution}, origin_m {x}, {y}"
+    if not _RESOLUTIONS_M[0] <= resolution <= _RESOLUTIONS_M[1]:
+        msg = f"resolution_m.npy holds {resolution}, not {_RESOLUTIONS_M[0]:g} to {_RESOLUTIONS_M[1]:g}"
+        raise ValueError(msg)
+    if not max(abs(x), abs(y)) <= FARTHEST_M:
+        msg = f"origin_m.npy holds {x}, {y}, not numbers within {FARTHEST_M:g} m"
         raise ValueError(msg)
     rows, cols = shape
     return GridFrame(resolution, x, y, rows, cols)
+
+
+def _check_values(values: F32, name: str, allowed: str, is_right: B1) -> None:
+    """Refuse values that no map has."""
+    if not bool(is_right.all()):
+        msg = f"{name}.npy holds {values[~is_right][0]:g}, values are {allowed}"
+        raise ValueError(msg)
+
+
+def _check_probabilities(found: F32) -> None:
+    """Refuse e of beams that is no probability."""
+    is_right = np.isnan(found) | ((found >= 0.0) & (found <= 1.0))
+    _check_values(found, "static_probability", "from 0 to 1, or NaN without an end point", is_right)
 
 
 def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown: B1) -> None:
@@ -99,6 +124,7 @@ def beams_in_parts(path: Path, shape: tuple[int, int]) -> Iterator[tuple[slice, 
     with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
         first = 0
         for part in npz_rows(path, "static_probability", Column("<f4", shape), 4 * math.prod(shape)):
+            _check_probabilities(part)
             yield slice(first, first + part.shape[0]), part
             first += part.shape[0]
 
@@ -113,9 +139,11 @@ def read_beams(path: Path, shape: tuple[int, int]) -> F32:
     """
     with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
         column = Column("<f4", shape)
-        return read_npz(path, {"static_probability": column}, max_bytes=4 * math.prod(shape))[
+        found: F32 = read_npz(path, {"static_probability": column}, max_bytes=4 * math.prod(shape))[
             "static_probability"
         ]
+        _check_probabilities(found)
+        return found
 
 
 def read_unknown(path: Path, shape: tuple[int, int]) -> B1:
@@ -127,8 +155,8 @@ def read_unknown(path: Path, shape: tuple[int, int]) -> B1:
         If the file is missing, damaged or of other scans.
     """
     with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
-        try:
-            arrays = read_npz(path, {"is_unknown": Column("|u1", shape)}, max_bytes=math.prod(shape))
-        except KeyError:
-            return np.zeros(shape, dtype=bool)
+        with closing(ZipArchive(path)) as archive:
+            if "is_unknown.npy" not in archive:
+                return np.zeros(shape, dtype=bool)
+        arrays = read_npz(path, {"is_unknown": Column("|u1", shape)}, max_bytes=math.prod(shape))
         return np.asarray(arrays["is_unknown"] > 0)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from dynmap_cli.errors import DynmapError
+from dynmap_cli.printable import printable
 
 DAMAGE = (
     OSError,
@@ -24,14 +25,25 @@ DAMAGE = (
     zlib.error,
 )
 _LONGEST_WORDS = 200
+_PLAIN_WORDS: dict[type[BaseException], str] = {
+    AttributeError: "a value of another kind than expected",
+    TypeError: "a value of another kind than expected",
+    IndexError: "fewer values than expected",
+    MemoryError: "larger than the memory",
+    RecursionError: "nested too deeply",
+    EOFError: "it ends too early",
+    zlib.error: "compressed data are damaged",
+}
+"""Where Python's own words would tell an operator nothing."""
 
 
 def reason(error: BaseException) -> str:
     """Say in one line of printable characters what is wrong, without the path that stands before it."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    words = " ".join(str(error).split()) or type(error).__name__
-    words = "".join(one if one.isprintable() else "?" for one in words)
+    if type(error) in _PLAIN_WORDS:
+        return _PLAIN_WORDS[type(error)]
+    words = printable(" ".join(str(error).split())) or type(error).__name__
     if isinstance(error, KeyError):
         words = f"{words} is missing"
     return words if len(words) <= _LONGEST_WORDS else f"{words[:_LONGEST_WORDS]}..."

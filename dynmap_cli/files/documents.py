@@ -31,7 +31,16 @@ def read_text(path: Path, max_bytes: int = MAX_DOCUMENT_BYTES) -> str:
     if len(content) > max_bytes:
         msg = f"more than {max_bytes} bytes, the most that are read"
         raise ValueError(msg)
-    return content.decode("utf-8")
+    return as_text(content, "it")
+
+
+def as_text(content: bytes, name: str) -> str:
+    """UTF-8 as text; raises ValueError, in which *name* is named."""
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as err:
+        msg = f"{name} is not text in UTF-8, byte {err.start} is 0x{content[err.start]:02x}"
+        raise ValueError(msg) from err
 
 
 def parse_yaml(text: str) -> Any:
@@ -60,10 +69,24 @@ def parse_json(text: str) -> Any:
         With one line that says what is wrong and where.
     """
     try:
-        return json.loads(text, parse_int=_bounded_integer)
+        return json.loads(text, parse_int=_bounded_integer, object_pairs_hook=_distinct_keys)
     except RecursionError as err:
         msg = "nested too deeply"
         raise ValueError(msg) from err
+    except json.JSONDecodeError as err:
+        msg = f"not JSON from line {err.lineno}, column {err.colno} on"
+        raise ValueError(msg) from err
+
+
+def _distinct_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Refuse a key that is there twice."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in content if keys.count(key) > 1)
+        msg = f"the key {twice[:60]!r} is there twice"
+        raise ValueError(msg)
+    return content
 
 
 def _bounded_integer(digits: str) -> int:

@@ -18,6 +18,7 @@ from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.manifest import FORMAT_VERSION, sha256_of
+from dynmap_cli.files.plain_values import item_of, list_at, mapping_at, numbers_at, said, text_at, whole_at
 
 NAME = "edits.yaml"
 _LONGEST_NAME, _MOST_CORNERS, _LEAST_AREA_M2 = 60, 10_000, 1e-6
@@ -54,12 +55,12 @@ def read_edits(run_dir: Path) -> tuple[Correction, ...]:
     if not path.is_file():
         return ()
     with refusing_damage(f"{path}: not a list of corrections", "Mend it or take it away.", ArtifactError):
-        content = _mapping(parse_yaml(read_text(path)), "the file")
-        found = content["format_version"]
+        content = mapping_at(parse_yaml(read_text(path)), "the file")
+        found = item_of(content, "format_version", "it")
         if found != FORMAT_VERSION:
-            msg = f"format version {found}, this dynmap reads version {FORMAT_VERSION}"
+            msg = f"format version {said(found)}, this dynmap reads version {FORMAT_VERSION}"
             raise ValueError(msg)
-        entries = _list(content["corrections"], "corrections")
+        entries = list_at(item_of(content, "corrections", "it"), "corrections")
         corrections = tuple(_numbered(number, entry) for number, entry in enumerate(entries, start=1))
         added = [one.submap_id for one in corrections if isinstance(one, Addition)]
         if len(set(added)) < len(added):
@@ -81,6 +82,15 @@ def check_name(name: str) -> str:
         msg = f"a name has 1 to {_LONGEST_NAME} printable characters, not {name[: 2 * _LONGEST_NAME]!r}"
         raise ValueError(msg)
     return stripped
+
+
+def name_at(value: object, where: str) -> str:
+    """A name in a document; raises ValueError."""
+    try:
+        return check_name(text_at(value, where))
+    except ValueError as err:
+        msg = str(err) if str(err).startswith(where) else f"{where}: {err}"
+        raise ValueError(msg) from err
 
 
 def check_corners(corners: Sequence[Sequence[float]]) -> tuple[tuple[float, float], ...]:
@@ -147,65 +157,33 @@ def _entry(correction: Correction) -> dict[str, Any]:
     return {"drop": where}
 
 
-def _mapping(value: object, what: str) -> dict[str, Any]:
-    """Keys with values."""
-    if not isinstance(value, dict):
-        msg = f"{what} is {_said(value)}, not `key: value` lines"
-        raise ValueError(msg)
-    return dict(value)
-
-
-def _list(value: object, what: str) -> list[Any]:
-    """Values in a row."""
-    if not isinstance(value, list):
-        msg = f"{what} is {_said(value)}, not a list"
-        raise ValueError(msg)
-    return value
-
-
-def _numbers(value: object, what: str) -> list[float]:
-    """Numbers in a row."""
-    row = _list(value, what)
-    try:
-        return [float(one) for one in row]
-    except (TypeError, ValueError, OverflowError) as err:
-        msg = f"{what} holds something that is no number: {_said(value)}"
-        raise ValueError(msg) from err
-
-
-def _said(value: object) -> str:
-    """A value as it may stand in a message."""
-    return "empty" if value is None else f"{value!r:.60}"
-
-
 def _numbered(number: int, entry: object) -> Correction:
     """One entry; what is wrong is said with its number."""
     try:
-        content = _mapping(entry, "it")
+        content = dict(mapping_at(entry, "it"))
         if len(content) != 1:
             msg = f"it says {len(content)} things, not one of merge, drop, name, add"
             raise ValueError(msg)
         kind, words = next(iter(content.items()))
-        return _correction(str(kind), _mapping(words, f"'{kind}'"))
-    except (ValueError, KeyError) as err:
-        why = f"{err} is missing" if isinstance(err, KeyError) else str(err)
-        msg = f"correction {number}: {why}"
+        return _correction(str(kind), mapping_at(words, f"'{kind}'"))
+    except ValueError as err:
+        msg = f"correction {number}: {err}"
         raise ValueError(msg) from err
 
 
 def _correction(kind: str, words: dict[str, Any]) -> Correction:
     """A correction from plain values."""
-    submap_id = _count(words.pop("submap"))
+    submap_id = _count(_taken(words, "submap"))
     made: Correction
     if kind == "add":
-        corners = _list(words.pop("polygon_m"), "polygon_m")
-        made = Addition(submap_id, check_corners([_numbers(corner, "a corner") for corner in corners]))
+        corners = list_at(_taken(words, "polygon_m"), "polygon_m")
+        made = Addition(submap_id, check_corners([numbers_at(corner, "a corner") for corner in corners]))
     else:
-        place = Place(submap_id, _rectangle(words.pop("rectangle_m")))
+        place = Place(submap_id, _rectangle(_taken(words, "rectangle_m")))
         if kind == "merge":
-            made = Merge(place, _states(words.pop("states")))
+            made = Merge(place, _states(_taken(words, "states")))
         elif kind == "name":
-            made = Name(place, check_name(str(words.pop("name"))))
+            made = Name(place, name_at(_taken(words, "name"), "name"))
         elif kind == "drop":
             made = Drop(place)
         else:
@@ -217,19 +195,26 @@ def _correction(kind: str, words: dict[str, Any]) -> Correction:
     return made
 
 
+def _taken(words: dict[str, Any], key: str) -> Any:
+    """A value that must be there, taken out of the others; raises ValueError."""
+    value = item_of(words, key, "it")
+    del words[key]
+    return value
+
+
 def _rectangle(sides: object) -> Rectangle:
     """Left, bottom, right, top."""
-    numbers = _numbers(sides, "rectangle_m")
+    numbers = numbers_at(sides, "rectangle_m")
     left, bottom, right, top = numbers if len(numbers) == _SIDES else (math.nan,) * _SIDES
     if not (left < right and bottom < top and max(map(abs, (left, bottom, right, top))) <= FARTHEST_M):
-        msg = f"rectangle_m is left, bottom, right, top, not {_said(sides)}"
+        msg = f"rectangle_m is left, bottom, right, top, not {said(sides)}"
         raise ValueError(msg)
     return Rectangle(left, bottom, right, top)
 
 
 def _states(numbers: object) -> tuple[int, ...]:
     """Two states or more."""
-    states = tuple(sorted({_count(number) for number in _list(numbers, "states")}))
+    states = tuple(sorted({_count(number) for number in list_at(numbers, "states")}))
     if len(states) < 2:
         msg = "states are two or more"
         raise ValueError(msg)
@@ -238,7 +223,4 @@ def _states(numbers: object) -> tuple[int, ...]:
 
 def _count(value: object) -> int:
     """A number from 0."""
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        msg = f"a number of a sub-map or state is a whole number from 0, not {value!r}"
-        raise ValueError(msg)
-    return value
+    return whole_at(value, "a number of a sub-map or state", 0, 2**31 - 1)

@@ -13,6 +13,7 @@ from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json, read_text
+from dynmap_cli.files.plain_values import said
 
 FORMAT_VERSION = 1
 """Version of every file between stages; a reader refuses another one and names both."""
@@ -79,7 +80,7 @@ def read_manifest(folder: Path, stage: str) -> Manifest | None:
     found = content.get("format_version") if isinstance(content, dict) else None
     if found != FORMAT_VERSION:
         msg = (
-            f"{path}: written in format version {found}, this dynmap reads version {FORMAT_VERSION}. "
+            f"{path}: written in format version {said(found)}, this dynmap reads version {FORMAT_VERSION}. "
             "Build into a new folder, or use the dynmap that wrote it."
         )
         raise ArtifactError(msg)
@@ -106,19 +107,19 @@ def _check(manifest: Manifest, stage: str) -> None:
     for name in ("settings", "inputs", "outputs", "summary"):
         if not isinstance(getattr(manifest, name), dict):
             msg = f"{name} is not a mapping"
-            raise TypeError(msg)
+            raise ValueError(msg)
     for name in ("inputs", "outputs"):
         if not all(isinstance(digest, str) for digest in getattr(manifest, name).values()):
             msg = f"{name} has values that are not digests"
-            raise TypeError(msg)
+            raise ValueError(msg)
     for name in manifest.outputs:
         if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts:
             msg = f"output {name[:60]!r} is not in the folder of the stage"
             raise ValueError(msg)
     lines = manifest.summary.get("lines", [])
-    if not isinstance(lines, list) or not all(isinstance(line, str) for line in lines):
-        msg = "summary.lines is not a list of sentences"
-        raise TypeError(msg)
+    if not isinstance(lines, list) or not all(isinstance(line, str) and line.isprintable() for line in lines):
+        msg = "summary.lines is not a list of printable sentences"
+        raise ValueError(msg)
     if manifest.stage != stage or not isinstance(manifest.dynmap_version, str):
         msg = f"of stage {str(manifest.stage)[:60]!r}, not '{stage}'"
         raise ValueError(msg)

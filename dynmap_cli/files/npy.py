@@ -6,6 +6,7 @@ import math
 import tokenize
 import zipfile
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -13,12 +14,12 @@ from typing import IO, Any
 import numpy as np
 
 from dynmap_cli.domain.mapped import give_back
+from dynmap_cli.files.zip_archive import ZipArchive
 
 Array = np.ndarray[Any, Any]
 _MAX_HEADER_BYTES = 4096
+_MAGIC = np.lib.format.magic(1, 0)
 _PIECE_BYTES = 1 << 22
-_MOST_UNPACKED_PER_BYTE = 1100
-"""Deflate cannot do more; a file that says so lies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +82,15 @@ def read_npz(path: Path, columns: Mapping[str, Column], max_bytes: int) -> dict[
 
     Raises
     ------
-    OSError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+    OSError, ValueError
         If it is missing, cut off, damaged, absurdly large, or its arrays are not of those types.
     """
-    with zipfile.ZipFile(path) as archive:
-        return {
-            name: _read_member(archive, f"{name}.npy", column, max_bytes) for name, column in columns.items()
-        }
+    with closing(ZipArchive(path)) as archive:
+        found = {}
+        for name, column in columns.items():
+            with archive.stream(f"{name}.npy", max_bytes + _MAX_HEADER_BYTES) as (stream, size):
+                found[name] = parse_npy(stream, size, column, f"{name}.npy")
+        return found
 
 
 def npz_rows(path: Path, name: str, column: Column, max_bytes: int) -> Iterator[Array]:
@@ -95,41 +98,27 @@ def npz_rows(path: Path, name: str, column: Column, max_bytes: int) -> Iterator[
 
     Raises
     ------
-    OSError, ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error
+    OSError, ValueError
         As `read_npz`, also after some rows.
     """
-    with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
-        info = archive.getinfo(f"{name}.npy")
-        _check_size(info, max_bytes)
-        shape = _checked_header(stream, info.file_size, column, info.filename)
+    member = f"{name}.npy"
+    with (
+        closing(ZipArchive(path)) as archive,
+        archive.stream(member, max_bytes + _MAX_HEADER_BYTES) as (stream, size),
+    ):
+        shape = _checked_header(stream, size, column, member)
         row_bytes = math.prod(shape[1:]) * np.dtype(column.dtype).itemsize
         step = max(1, _PIECE_BYTES // max(row_bytes, 1))
         for start in range(0, shape[0], step):
             count = min(step, shape[0] - start)
             content = stream.read(count * row_bytes)
             if len(content) != count * row_bytes:
-                msg = f"{info.filename} ends after {start} of {shape[0]} rows"
+                msg = f"{member} ends after {start} of {shape[0]} rows"
                 raise ValueError(msg)
             yield np.frombuffer(bytearray(content), dtype=column.dtype).reshape(count, *shape[1:])
         if stream.read(1):  # at its end the checksum is compared
-            msg = f"{info.filename} goes on after {shape[0]} rows"
+            msg = f"{member} goes on after {shape[0]} rows"
             raise ValueError(msg)
-
-
-def _check_size(info: zipfile.ZipInfo, max_bytes: int) -> None:
-    """Refuse an array that is absurdly large."""
-    most = min(max_bytes, _MOST_UNPACKED_PER_BYTE * info.compress_size) + _MAX_HEADER_BYTES
-    if info.file_size > most:
-        msg = f"{info.filename} unpacks to {info.file_size} bytes, at most {most} are allowed"
-        raise ValueError(msg)
-
-
-def _read_member(archive: zipfile.ZipFile, name: str, column: Column, max_bytes: int) -> Array:
-    """Read one array of an archive."""
-    info = archive.getinfo(name)
-    _check_size(info, max_bytes)
-    with archive.open(info) as stream:
-        return parse_npy(stream, info.file_size, column, name)
 
 
 def parse_npy(stream: IO[bytes], size: int, column: Column, name: str) -> Array:
@@ -145,19 +134,20 @@ def parse_npy(stream: IO[bytes], size: int, column: Column, name: str) -> Array:
 
 def _checked_header(stream: IO[bytes], size: int, column: Column, name: str) -> tuple[int, ...]:
     """Shape of the array whose header stands at the start of the stream, in rows and as long as the file."""
-    if np.lib.format.read_magic(stream) != (1, 0):
+    if stream.read(len(_MAGIC)) != _MAGIC:
         msg = f"{name} is not a .npy file of version 1.0"
         raise ValueError(msg)
     try:
         shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(stream, _MAX_HEADER_BYTES)
-    except (SyntaxError, RecursionError, tokenize.TokenError) as err:
+    except (SyntaxError, RecursionError, tokenize.TokenError, ValueError, TypeError) as err:
         msg = f"{name} has a damaged header"
         raise ValueError(msg) from err
     wanted = np.dtype(column.dtype)
     if dtype != wanted or is_fortran or not _fits(shape, column.shape):
         order = " in columns" if is_fortran else ""
         lengths = ", ".join("any" if length is None else str(length) for length in column.shape)
-        msg = f"{name} is {dtype} {shape}{order}, not {wanted} ({lengths}) in rows"
+        kind = "Python objects" if dtype.hasobject else dtype
+        msg = f"{name} is {kind} {shape}{order}, not {wanted} ({lengths}) in rows"
         raise ValueError(msg)
     if math.prod(shape) * wanted.itemsize != size - stream.tell():
         msg = f"{name} is {shape} by its header, which are not the {size} bytes there are"

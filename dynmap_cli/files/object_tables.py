@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ import numpy as np
 from dynmap_cli.domain.grid import MAX_CELLS, GridFrame
 from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, PatchSet
 from dynmap_cli.files.npy import Column, parse_npy
+from dynmap_cli.files.plain_values import said
+from dynmap_cli.files.csv_tables import rows_of, whole_in
 
 OBJECTS_TABLE = "objects.csv"
 _COLUMNS = ("submap", "visit", "object", "state")
@@ -66,17 +69,39 @@ def table_bytes(patch_sets: Iterable[PatchSet]) -> bytes:
 def parse_table(content: bytes) -> dict[tuple[int, int], dict[int, str]]:
     """States by number of the visit, for each sub-map and object; raises ValueError."""
     states: dict[tuple[int, int], dict[int, str]] = {}
-    for row in csv.DictReader(io.StringIO(content.decode("utf-8"))):
+    for where, row in rows_of(content, _COLUMNS, OBJECTS_TABLE):
+        submap_id, visit, thing = (whole_in(row[name], f"{where}: {name}") for name in _COLUMNS[:3])
         if row["state"] not in _STATES:
-            msg = f"{OBJECTS_TABLE}: state {row['state']!r}"
+            msg = f"{where}: state is {said(row['state'])}, not {', '.join(_STATES)}"
             raise ValueError(msg)
-        states.setdefault((int(row["submap"]), int(row["object"])), {})[int(row["visit"])] = row["state"]
+        seen = states.setdefault((submap_id, thing), {})
+        if visit in seen:
+            msg = f"{where}: visit {visit}, object {thing} of sub-map {submap_id} is there twice"
+            raise ValueError(msg)
+        seen[visit] = row["state"]
     return states
 
 
+def check_table(
+    states: Mapping[tuple[int, int], Mapping[int, str]],
+    objects: AbstractSet[tuple[int, int]],
+    visits: AbstractSet[tuple[int, int]],
+) -> None:
+    """Refuse states of objects or in visits that there are none of; both by sub-map and number; raises ValueError."""
+    for (submap_id, thing), seen in states.items():
+        if (submap_id, thing) not in objects:
+            msg = f"{OBJECTS_TABLE}: object {thing} of sub-map {submap_id} is not in manifest.json"
+            raise ValueError(msg)
+        for visit in seen:
+            if (submap_id, visit) not in visits:
+                msg = f"{OBJECTS_TABLE}: visit {visit} of sub-map {submap_id} is not in sequences.csv"
+                raise ValueError(msg)
+
+
 def parse_objects(
-    entries: Sequence[Mapping[str, Any]],
+    entries: Sequence[tuple[int, int]],
     cells: bytes,
+    name: str,
     frame: GridFrame,
     states: Mapping[int, Mapping[int, str]],
 ) -> tuple[ChangingObject, ...]:
@@ -84,20 +109,32 @@ def parse_objects(
 
     Parameters
     ----------
-    entries : sequence of mapping
-        Of the manifest.
+    entries : sequence of (int, int)
+        Number and count of cells of each, of the manifest.
     cells : bytes
         objects.npy.
+    name : str
+        Of that member.
     frame : GridFrame
     states : mapping of int to mapping of int to str
         By object and visit.
     """
     if len(entries) * frame.rows * frame.cols > 2 * MAX_CELLS:
-        msg = f"{len(entries)} objects in {frame.cols} x {frame.rows} cells"
+        msg = f"{name}: {len(entries)} objects in {frame.cols} x {frame.rows} cells, more than are allowed"
         raise ValueError(msg)
-    numbers = parse_npy(io.BytesIO(cells), len(cells), Column("<i2", frame.shape), "objects.npy")
-    ids = [int(entry["id"]) for entry in entries]
-    if sorted(ids) != [int(number) for number in np.unique(numbers[numbers >= 0])]:
-        msg = f"objects {ids}, but other numbers in their cells"
+    numbers = parse_npy(io.BytesIO(cells), len(cells), Column("<i2", frame.shape), name)
+    found, counts = np.unique(numbers, return_counts=True)
+    there = {
+        number: count for number, count in zip(found.tolist(), counts.tolist(), strict=True) if number != -1
+    }
+    for number in sorted(there.keys() ^ dict(entries).keys()):
+        missing, has = ("it", "manifest.json") if number in dict(entries) else ("manifest.json", "it")
+        msg = f"{name}: {has} has an object {number}, {missing} has none"
         raise ValueError(msg)
-    return tuple(ChangingObject(number, numbers == number, dict(states.get(number, {}))) for number in ids)
+    for number, count in entries:
+        if there[number] != count:
+            msg = f"{name} has {there[number]} cells of object {number}, manifest.json says {count}"
+            raise ValueError(msg)
+    return tuple(
+        ChangingObject(number, numbers == number, dict(states.get(number, {}))) for number, _ in entries
+    )

@@ -13,6 +13,7 @@ import io
 import json
 import math
 import zipfile
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,28 +21,34 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32
-from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
 from dynmap_cli.domain.patches import ChangingObject, Patch, PatchSet, Visit, cells_that_vary
 from dynmap_cli.domain.submaps import SubMap
-from dynmap_cli.domain.times import DAY_HOURS
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import DAMAGE, reason
-from dynmap_cli.files.documents import MAX_TABLE_BYTES, parse_json
+from dynmap_cli.files.documents import MAX_TABLE_BYTES, as_text, parse_json
 from dynmap_cli.files.manifest import FORMAT_VERSION
 from dynmap_cli.files.npy import Column, parse_npy
 from dynmap_cli.files.object_tables import (
     OBJECTS_TABLE,
     cells_bytes,
+    check_table,
     entries_of,
     parse_objects,
     parse_table,
     table_bytes,
 )
+from dynmap_cli.files.patch_manifest import MANIFEST, SubMapEntry, check_supports, parse_entries
 from dynmap_cli.files.pgm import pgm_bytes
+from dynmap_cli.files.plain_values import mapping_at, said, text_at
+from dynmap_cli.files.csv_tables import rows_of, whole_in
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
+from dynmap_cli.files.zip_archive import ZipArchive
+from dynmap_cli.printable import printable
 
 _COLUMNS = ("submap", "sequence", "log", "start_s", "end_s", "patch", "membership")
+_VISITS = "sequences.csv"
+_UNREADABLE, _DAMAGED = "not a readable patch archive", "damaged patch archive"
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -66,7 +73,7 @@ def write_patches(
         "submaps": [_entry(submap, by_id.get(submap.submap_id), visits) for submap in submaps],
     }
     with replacing(path) as part, zipfile.ZipFile(part, "w") as archive:
-        _add(archive, "manifest.json", (json.dumps(content, indent=2) + "\n").encode())
+        _add(archive, MANIFEST, (json.dumps(content, indent=2) + "\n").encode())
         for number in sorted(by_id):
             for patch in by_id[number].patches:
                 pgm, npy = _names(number, patch.patch_id)
@@ -76,7 +83,7 @@ def write_patches(
                 _add(archive, _objects_name(number), cells_bytes(by_id[number].objects, by_id[number].frame))
             for name, means in zip(_round_names(by_id[number]), by_id[number].rounds, strict=True):
                 _add(archive, name, _npy_bytes(means))
-        _add(archive, "sequences.csv", _csv_bytes(visits))
+        _add(archive, _VISITS, _csv_bytes(visits))
         _add(archive, OBJECTS_TABLE, table_bytes(by_id[number] for number in sorted(by_id)))
 
 
@@ -156,14 +163,14 @@ def _csv_bytes(visits: Sequence[Visit]) -> bytes:
             [
                 visit.submap_id,
                 visit.sequence,
-                visit.recording,
+                printable(visit.recording),
                 format_stamp(visit.start_ns),
                 format_stamp(visit.end_ns),
                 "" if visit.patch is None else visit.patch,
                 "" if visit.patch is None else f"{visit.membership:.6f}",
             ]
         )
-    return stream.getvalue().encode("utf-8", errors="backslashreplace")
+    return stream.getvalue().encode("utf-8")
 
 
 def read_patches(path: Path) -> tuple[PatchSet, ...]:
@@ -175,142 +182,140 @@ def read_patches(path: Path) -> tuple[PatchSet, ...]:
         If the archive is missing, damaged, absurdly large or of another format version.
     """
     with _Reader(path) as reader:
-        content = reader.manifest()
-        resolution = content["resolution_m"]
-        entries = [entry for entry in content["submaps"] if entry["patches"]]
-        _check_numbers(content["submaps"])
+        entries = reader.entries()
+        visits = reader.visits(entries)
+        with_patches = [entry for entry in entries if entry.patches]
         states: dict[tuple[int, int], dict[int, str]] = {}
-        if any(entry.get("objects") for entry in entries):
-            states = parse_table(reader.member(OBJECTS_TABLE, MAX_TABLE_BYTES))
-        return tuple(_patch_set(reader, entry, resolution, states) for entry in entries)
+        if any(entry.objects for entry in with_patches):
+            states = parse_table(reader.member(OBJECTS_TABLE))
+            check_table(
+                states,
+                {(entry.submap_id, number) for entry in with_patches for number, _ in entry.objects},
+                {(visit.submap_id, visit.sequence) for visit in visits},
+            )
+        return tuple(_patch_set(reader, entry, states) for entry in with_patches)
 
 
 def read_visits(path: Path) -> tuple[Visit, ...]:
     """Read the visits of all sub-maps, as `write_patches` was given them."""
     with _Reader(path) as reader:
-        content = reader.manifest()
-        remarks = {
-            (int(entry["id"]), int(sequence)): str(remark)
-            for entry in content["submaps"]
-            for sequence, remark in entry.get("unassigned", {}).items()
-        }
-        rows = csv.DictReader(io.StringIO(reader.member("sequences.csv", MAX_TABLE_BYTES).decode("utf-8")))
-        visits = tuple(_visit(row, remarks) for row in rows)
-        _check_visits(content["submaps"], visits)
-        return visits
+        return reader.visits(reader.entries())
 
 
 def read_names(path: Path) -> dict[int, str]:
     """Read what people call each sub-map, "" where nobody gave it a name, by its number."""
     with _Reader(path) as reader:
-        return {int(entry["id"]): str(entry.get("name", "")) for entry in reader.manifest()["submaps"]}
+        return {entry.submap_id: entry.name for entry in reader.entries()}
 
 
 def read_rounds(path: Path) -> dict[int, tuple[F32, ...]]:
     """Read the means of the clusters of each round, (k, rows, cols), by sub-map; k is at most the round's number."""
     with _Reader(path) as reader:
-        found = {}
-        for entry in reader.manifest()["submaps"]:
-            cols, rows = (int(size) for size in entry["size_cells"])
-            names = [str(name) for name in entry.get("rounds", ())]
-            too_large = min(cols, rows) < 1 or cols * rows * len(names) ** 2 > 2 * MAX_CELLS
-            if too_large or (names and len(names) != len(entry["bic"])):
-                msg = f"sub-map {entry['id']} of {cols} x {rows} cells with {len(names)} rounds"
-                raise ValueError(msg)
-            found[int(entry["id"])] = tuple(
-                reader.values(name, (None, rows, cols), k * rows * cols)
-                for k, name in enumerate(names, start=1)
+        return {
+            entry.submap_id: tuple(
+                reader.values(name, (None, *entry.frame.shape), k * entry.frame.rows * entry.frame.cols)
+                for k, name in enumerate(entry.rounds, start=1)
             )
-        return found
-
-
-def _visit(row: dict[str, str], remarks: dict[tuple[int, int], str]) -> Visit:
-    """One row of sequences.csv."""
-    submap_id, sequence = int(row["submap"]), int(row["sequence"])
-    return Visit(
-        submap_id=submap_id,
-        sequence=sequence,
-        recording=row["log"],
-        start_ns=parse_stamp(row["start_s"]),
-        end_ns=parse_stamp(row["end_s"]),
-        patch=int(row["patch"]) if row["patch"] else None,
-        membership=float(row["membership"]) if row["patch"] else math.nan,
-        remark=remarks.get((submap_id, sequence), ""),
-    )
-
-
-def _check_numbers(entries: Sequence[dict[str, Any]]) -> None:
-    """Refuse a manifest in which a sub-map, or a patch of one, stands twice."""
-    for what, numbers in (
-        ("sub-map", [int(entry["id"]) for entry in entries]),
-        *(
-            (f"patch of sub-map {entry['id']}", [int(patch["id"]) for patch in entry["patches"]])
-            for entry in entries
-        ),
-    ):
-        if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
-            msg = f"the numbers {numbers} of each {what} in manifest.json: some stand twice or are negative"
-            raise ValueError(msg)
-
-
-def _check_visits(entries: Sequence[dict[str, Any]], visits: Sequence[Visit]) -> None:
-    """Refuse visits of patches that there are none of."""
-    known = {(int(entry["id"]), int(patch["id"])) for entry in entries for patch in entry["patches"]}
-    for visit in visits:
-        if visit.patch is not None and (visit.submap_id, visit.patch) not in known:
-            msg = f"sequences.csv: patch {visit.patch} of sub-map {visit.submap_id} was visited, manifest.json has none"
-            raise ValueError(msg)
+            for entry in reader.entries()
+        }
 
 
 def _patch_set(
-    reader: _Reader,
-    entry: dict[str, Any],
-    resolution_m: float,
-    object_states: Mapping[tuple[int, int], Mapping[int, str]],
+    reader: _Reader, entry: SubMapEntry, object_states: Mapping[tuple[int, int], Mapping[int, str]]
 ) -> PatchSet:
     """One sub-map of the manifest with its patches."""
-    cols, rows = (int(size) for size in entry["size_cells"])
-    stay, resolution = float(entry["stay_probability"]), float(resolution_m)
-    if min(cols, rows) < 1 or cols * rows > MAX_CELLS:
-        msg = f"sub-map {entry['id']} of {cols} x {rows} cells"
-        raise ValueError(msg)
-    if not (0.0 <= stay <= 1.0 and 0.0 < resolution < math.inf):
-        msg = f"stay_probability {stay}, resolution_m {resolution}"
-        raise ValueError(msg)
-    origin_x, origin_y = (float(value) for value in entry["origin_m"])
-    if not (abs(origin_x) <= FARTHEST_M and abs(origin_y) <= FARTHEST_M):
-        msg = f"origin_m {entry['origin_m']}"
-        raise ValueError(msg)
+    rows, cols = entry.frame.shape
     patches = tuple(
         Patch(
-            int(patch["id"]),
-            int(patch["support"]),
-            reader.values(str(patch["npy"]), (rows, cols), rows * cols),
-            _shares(patch.get("share_by_hour", ())),
+            patch.patch_id,
+            patch.support,
+            reader.values(patch.npy, (rows, cols), rows * cols),
+            patch.share_by_hour,
         )
-        for patch in entry["patches"]
+        for patch in entry.patches
     )
-    frame = GridFrame(resolution, origin_x, origin_y, rows, cols)
-    bic = tuple(float(value) for value in entry.get("bic", ()))
-    if not all(map(math.isfinite, bic)):
-        msg = f"bic {bic}"
-        raise ValueError(msg)
-    number = int(entry["id"])
     objects: tuple[ChangingObject, ...] = ()
-    if entry.get("objects"):
-        cells = reader.member(_objects_name(number), 2 * rows * cols + 4096)
-        states = {thing: seen for (submap_id, thing), seen in object_states.items() if submap_id == number}
-        objects = parse_objects(entry["objects"], cells, frame, states)
-    return PatchSet(number, frame, cells_that_vary(patches), patches, stay, bic, objects=objects)
+    if entry.objects:
+        name = _objects_name(entry.submap_id)
+        states = {
+            thing: seen for (submap_id, thing), seen in object_states.items() if submap_id == entry.submap_id
+        }
+        cells = reader.member(name, 2 * rows * cols + 4096)
+        objects = parse_objects(entry.objects, cells, name, entry.frame, states)
+    return PatchSet(
+        entry.submap_id,
+        entry.frame,
+        cells_that_vary(patches),
+        patches,
+        entry.stay_probability if entry.stay_probability is not None else math.nan,
+        entry.bic,
+        objects=objects,
+    )
 
 
-def _shares(values: Sequence[Any]) -> tuple[float, ...]:
-    """Probability of a patch by hour of the day; 24 numbers or none."""
-    shares = tuple(float(value) for value in values)
-    if len(shares) not in (0, DAY_HOURS) or not all(0.0 <= share <= 1.0 for share in shares):
-        msg = f"share_by_hour {shares}"
+def _visits_of(content: bytes, entries: Sequence[SubMapEntry]) -> tuple[Visit, ...]:
+    """Rows of sequences.csv, as the manifest allows them; raises ValueError."""
+    remarks = {entry.submap_id: entry.unassigned for entry in entries}
+    visits: dict[tuple[int, int], Visit] = {}
+    for where, row in rows_of(content, _COLUMNS, _VISITS):
+        visit = _visit(where, row, remarks)
+        number = (visit.submap_id, visit.sequence)
+        if number in visits:
+            msg = f"{where}: visit {visit.sequence} of sub-map {visit.submap_id} is there twice"
+            raise ValueError(msg)
+        visits[number] = visit
+    seen = Counter((visit.submap_id, visit.patch) for visit in visits.values() if visit.patch is not None)
+    check_supports(entries, dict(seen))
+    return tuple(visits.values())
+
+
+def _visit(where: str, row: Mapping[str, str], remarks: Mapping[int, Mapping[int, str]]) -> Visit:
+    """One row of sequences.csv."""
+    submap_id = whole_in(row["submap"], f"{where}: submap")
+    sequence = whole_in(row["sequence"], f"{where}: sequence")
+    if submap_id not in remarks:
+        msg = f"{where}: sub-map {submap_id} is not in {MANIFEST}"
         raise ValueError(msg)
-    return shares
+    is_assigned = row["patch"] != ""
+    remark = remarks[submap_id].get(sequence)
+    if is_assigned == (remark is not None) or is_assigned != (row["membership"] != ""):
+        msg = f"{where}: a visit has a patch and a membership, or a remark under unassigned in {MANIFEST}"
+        raise ValueError(msg)
+    start_ns, end_ns = (_stamp(row[name], f"{where}: {name}") for name in ("start_s", "end_s"))
+    if start_ns > end_ns:
+        msg = f"{where}: start_s {row['start_s']} is after end_s {row['end_s']}"
+        raise ValueError(msg)
+    return Visit(
+        submap_id=submap_id,
+        sequence=sequence,
+        recording=text_at(row["log"], f"{where}: log"),
+        start_ns=start_ns,
+        end_ns=end_ns,
+        patch=whole_in(row["patch"], f"{where}: patch") if is_assigned else None,
+        membership=_membership(row["membership"], where) if is_assigned else math.nan,
+        remark=remark or "",
+    )
+
+
+def _stamp(word: str, where: str) -> int:
+    """A time of a visit."""
+    try:
+        return parse_stamp(word)
+    except (ValueError, OverflowError) as err:
+        msg = f"{where} is {said(word)}, not seconds"
+        raise ValueError(msg) from err
+
+
+def _membership(word: str, where: str) -> float:
+    """How well a visit fits its patch."""
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value <= 1.0:
+        msg = f"{where}: membership is {said(word)}, not a number from 0 to 1"
+        raise ValueError(msg)
+    return value
 
 
 class _Reader:
@@ -321,50 +326,54 @@ class _Reader:
 
     def __enter__(self) -> _Reader:
         try:
-            self._archive = zipfile.ZipFile(self._path)
+            self._archive = ZipArchive(self._path)
         except DAMAGE as err:
-            msg = (
-                f"{self._path}: not a readable patch archive ({reason(err)}). "
-                "Run `dynmap cluster` again with --force."
-            )
-            raise ArtifactError(msg) from err
+            raise self._refused(_UNREADABLE, err) from err
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._archive.close()
         if isinstance(error, DAMAGE):
-            msg = f"{self._path}: damaged patch archive ({reason(error)}). Run `dynmap cluster` again with --force."
-            raise ArtifactError(msg) from error
+            raise self._refused(_DAMAGED, error) from error
 
-    def member(self, name: str, max_bytes: int) -> bytes:
-        """Content of a member, read in memory and nowhere else, so that its name cannot lead out of the archive."""
-        info = self._archive.getinfo(name)
-        if info.file_size > max_bytes:
-            msg = f"{name} unpacks to {info.file_size} bytes, at most {max_bytes} are allowed"
-            raise ValueError(msg)
-        with self._archive.open(info) as stream:
-            return stream.read(max_bytes)
+    def _refused(self, what: str, error: BaseException) -> ArtifactError:
+        return ArtifactError(
+            f"{self._path}: {what} ({reason(error)}). Run `dynmap cluster` again with --force."
+        )
 
-    def manifest(self) -> dict[str, Any]:
-        """The manifest, of this format version."""
-        content = parse_json(self.member("manifest.json", MAX_TABLE_BYTES).decode("utf-8"))
+    def member(self, name: str, max_bytes: int = MAX_TABLE_BYTES) -> bytes:
+        """Content of a member."""
+        return self._archive.member(name, max_bytes)
+
+    def entries(self) -> tuple[SubMapEntry, ...]:
+        """The sub-maps of the manifest, which must be of this format version."""
+        try:
+            content = mapping_at(parse_json(as_text(self.member(MANIFEST), "it")), "it")
+        except ValueError as err:
+            msg = f"{MANIFEST}: {err}"
+            raise ValueError(msg) from err
         found = content.get("format_version")
         if found != FORMAT_VERSION:
             msg = (
-                f"{self._path}: written in format version {found}, this dynmap reads version {FORMAT_VERSION}. "
-                "Run `dynmap cluster` again with --force, or use the dynmap that wrote it."
+                f"{self._path}: written in format version {said(found)}, this dynmap reads version "
+                f"{FORMAT_VERSION}. Run `dynmap cluster` again with --force, or use the dynmap that wrote it."
             )
             raise ArtifactError(msg)
-        return dict(content)
+        return parse_entries(content)
+
+    def visits(self, entries: Sequence[SubMapEntry]) -> tuple[Visit, ...]:
+        """The visits of all sub-maps, as many of each patch as the manifest says."""
+        return _visits_of(self.member(_VISITS), entries)
 
     def values(self, name: str, shape: tuple[int | None, ...], most: int) -> F32:
         """Values of a patch or of clusters, at most so many, in [0, 1] or NaN."""
         content = self.member(name, 4 * most + 4096)
         values: F32 = parse_npy(io.BytesIO(content), len(content), Column("<f4", shape), name)
         if values.size > most:
-            msg = f"{name} has shape {values.shape}"
+            msg = f"{name} has {values.size} values, at most {most} are allowed"
             raise ValueError(msg)
-        if not bool((np.isnan(values) | ((values >= 0.0) & (values <= 1.0))).all()):
-            msg = f"{name} has values outside 0 to 1"
+        is_right = np.isnan(values) | ((values >= 0.0) & (values <= 1.0))
+        if not bool(is_right.all()):
+            msg = f"{name} holds {values[~is_right][0]:g}, values are from 0 to 1, or NaN where nothing is known"
             raise ValueError(msg)
         return values

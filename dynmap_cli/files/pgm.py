@@ -17,6 +17,7 @@ from dynmap_cli.files.beesoft import is_beesoft_map, read_beesoft_map
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.images import read_grey
+from dynmap_cli.files.plain_values import said
 
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 """free_thresh 0.25, an old default, would turn 205 (unknown) into free."""
@@ -116,7 +117,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     }
     for key, (is_right, allowed) in _ALLOWED.items():
         if not is_right(content[key]):
-            msg = f"{path}: {key} must be {allowed}, found {str(content[key])[:60]!r}."
+            msg = f"{path}: {key} must be {allowed}, found {said(content[key])}."
             raise ArtifactError(msg)
     origin = [float(value) for value in content["origin"]]
     if abs(origin[2]) > 1e-9:

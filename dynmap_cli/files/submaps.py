@@ -6,7 +6,6 @@ cell that another one owns.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,28 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from dynmap_cli.domain.grid import MAX_CELLS, GridFrame
+from dynmap_cli.arrays import B1
+from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import reason, refusing_damage
 from dynmap_cli.files.documents import parse_yaml, read_text
+from dynmap_cli.files.edits import name_at
 from dynmap_cli.files.images import read_grey
 from dynmap_cli.files.manifest import FORMAT_VERSION
+from dynmap_cli.files.plain_values import (
+    distinct,
+    item_of,
+    list_at,
+    mapping_at,
+    number_at,
+    numbers_at,
+    said,
+    text_at,
+    whole_at,
+)
 
+_RESOLUTIONS_M, _MOST_AREA_M2 = (0.001, 100.0), 1e12
 _CONTESTED, _RECURRING, _OWNED, _ELSEWHERE = 0, 64, 254, 205
 
 
@@ -76,50 +89,88 @@ def read_submaps(folder: Path) -> tuple[SubMap, ...]:
     found = content.get("format_version") if isinstance(content, dict) else None
     if found != FORMAT_VERSION:
         msg = (
-            f"{path}: written in format version {found}, this dynmap reads version {FORMAT_VERSION}. "
+            f"{path}: written in format version {said(found)}, this dynmap reads version {FORMAT_VERSION}. "
             "Run `dynmap segment` again with --force, or use the dynmap that wrote it."
         )
         raise ArtifactError(msg)
     with refusing_damage(
         f"{path}: damaged list of sub-maps", "Run `dynmap segment` again with --force.", ArtifactError
     ):
-        return tuple(_read_one(folder, content["resolution_m"], entry) for entry in content["submaps"])
+        listed = list_at(item_of(content, "submaps", "it"), "submaps")
+        if not listed:
+            return ()
+        resolution = number_at(item_of(content, "resolution_m", "it"), "resolution_m", *_RESOLUTIONS_M)
+        submaps = tuple(
+            _read_one(folder, resolution, entry, f"submaps[{k}]") for k, entry in enumerate(listed)
+        )
+        distinct([submap.submap_id for submap in submaps], "sub-map")
+        return submaps
 
 
-def _read_one(folder: Path, resolution_m: float, entry: dict[str, Any]) -> SubMap:
+def _read_one(folder: Path, resolution_m: float, value: object, where: str) -> SubMap:
     """One entry with its mask."""
-    cols, rows = (int(size) for size in entry["size_cells"])
-    if min(cols, rows) < 1 or cols * rows > MAX_CELLS:
-        msg = f"size_cells {entry['size_cells']}"
+    entry = mapping_at(value, where)
+    cols, rows = _pair(entry, "size_cells", where, least=1)
+    row, col = _pair(entry, "corner_cell", where, least=0)
+    if cols * rows > MAX_CELLS:
+        msg = f"{where}.size_cells is {cols} x {rows}, more than {MAX_CELLS} cells"
         raise ValueError(msg)
-    name = Path(str(entry["mask"])).name
-    grey = np.flipud(read_grey(folder / name))
-    if grey.shape != (rows, cols):
-        msg = f"{name} is {grey.shape[::-1]}, not {(cols, rows)}"
+    name = text_at(item_of(entry, "mask", where), f"{where}.mask")
+    if name != Path(name).name:
+        msg = f"{where}.mask is {said(name)}, not the name of a file beside it"
+        raise ValueError(msg)
+    contested, recurring, owned = _mask(folder / name, (rows, cols))
+    origin = numbers_at(item_of(entry, "origin_m", where), f"{where}.origin_m", -FARTHEST_M, FARTHEST_M)
+    if len(origin) != 2:
+        msg = f"{where}.origin_m is {said(origin)}, not [x, y]"
+        raise ValueError(msg)
+    return SubMap(
+        submap_id=whole_at(item_of(entry, "id", where), f"{where}.id", 0, 2**31 - 1),
+        frame=GridFrame(resolution_m, origin[0], origin[1], rows, cols),
+        row=row,
+        col=col,
+        contested=contested,
+        owned=owned,
+        area_m2=number_at(item_of(entry, "area_m2", where), f"{where}.area_m2", 0.0, _MOST_AREA_M2),
+        name=name_at(entry["name"], f"{where}.name") if "name" in entry else "",
+        by_hand=entry.get("by_hand") is True,
+        recurring=recurring if recurring.any() else None,
+    )
+
+
+def _pair(entry: dict[str, Any], key: str, where: str, *, least: int) -> tuple[int, int]:
+    """Two whole numbers of cells."""
+    values = list_at(item_of(entry, key, where), f"{where}.{key}")
+    if len(values) != 2:
+        msg = f"{where}.{key} is {said(values)}, not two whole numbers"
+        raise ValueError(msg)
+    first, second = (whole_at(one, f"{where}.{key}[{k}]", least, MAX_CELLS) for k, one in enumerate(values))
+    return first, second
+
+
+def _mask(path: Path, shape: tuple[int, int]) -> tuple[B1, B1, B1]:
+    """Cells of a mask that are contested, recurring, owned."""
+    try:
+        grey = np.flipud(read_grey(path))
+    except OSError as err:
+        msg = f"{path.name}: {reason(err)}"
+        raise ValueError(msg) from err
+    except ValueError as err:
+        msg = f"{path.name}: {err}"
+        raise ValueError(msg) from err
+    if grey.shape != shape:
+        msg = f"{path.name} has {grey.shape[1]} x {grey.shape[0]} pixels, not {shape[1]} x {shape[0]}"
+        raise ValueError(msg)
+    others = ~np.isin(grey, (_CONTESTED, _RECURRING, _OWNED, _ELSEWHERE))
+    if others.any():
+        msg = f"{path.name} has a pixel of {grey[others][0]}, pixels are 0, 64, 205 or 254"
         raise ValueError(msg)
     recurring = grey == _RECURRING
     contested = (grey == _CONTESTED) | recurring
     if not contested.any():
-        msg = f"{name} has no contested cell"
+        msg = f"{path.name} has no contested cell"
         raise ValueError(msg)
-    origin_x, origin_y = (float(value) for value in entry["origin_m"])
-    row, col = (int(value) for value in entry["corner_cell"])
-    resolution = float(resolution_m)
-    if not (0.0 < resolution < math.inf and math.isfinite(origin_x) and math.isfinite(origin_y)):
-        msg = f"resolution_m {resolution}, origin_m {entry['origin_m']}"
-        raise ValueError(msg)
-    return SubMap(
-        submap_id=int(entry["id"]),
-        frame=GridFrame(resolution, origin_x, origin_y, rows, cols),
-        row=row,
-        col=col,
-        contested=contested,
-        owned=grey != _ELSEWHERE,
-        area_m2=float(entry["area_m2"]),
-        name=str(entry.get("name", "")),
-        by_hand=bool(entry.get("by_hand", False)),
-        recurring=recurring if recurring.any() else None,
-    )
+    return contested, recurring, grey != _ELSEWHERE
 
 
 def _rounded(value: float) -> float:

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.ingest.unpacking import unpack
+from dynmap_cli.printable import printable
 
 _MAGIC_BYTES = len(b"#ROSBAG V2.0\n")
 _MESSAGE, _BAG, _CHUNK, _CONNECTION = 2, 3, 5, 7

@@ -25,12 +25,12 @@ from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.mcap_chunks import are_orderly, ordered_messages
 from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
-from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, end_of_messages
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.stored import Channel, words_of
 from dynmap_cli.ingest.unpacking import unpack_whole, unpacked_message
+from dynmap_cli.printable import printable
 
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE

@@ -13,10 +13,10 @@ from pathlib import Path
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.bag_folders import plain_folder
-from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.raw import file_name
 from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, copy_limited, unpacked_file
 from dynmap_cli.ingest.zip_members import Member, members_of, members_without_list
+from dynmap_cli.printable import printable
 
 KNOWN = (
     "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), "

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
+from dynmap_cli.printable import printable
 
 _MOST_GAPS = 200
 _FARTHEST_JUMP = 1 << 32

@@ -155,5 +155,5 @@ def _text(value: Any) -> str:
     """A name, which must be one."""
     if not isinstance(value, str):
         msg = f"{type(value).__name__} instead of a name"
-        raise TypeError(msg)
+        raise ValueError(msg)
     return value

@@ -24,9 +24,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata, Schema
 from mcap.records import Channel as ChannelRecord
 
-from dynmap_cli.ingest.plausible import printable
 from dynmap_cli.ingest.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.ingest.unpacking import unpack
+from dynmap_cli.printable import printable
 
 _MAGIC = b"\x89MCAP0\r\n"
 _MAGIC_BYTES = len(_MAGIC)

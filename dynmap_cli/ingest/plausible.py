@@ -60,8 +60,3 @@ def is_sweep(first_bearing_rad: float, increment_rad: float, n_beams: int) -> bo
 def to_ranges_m(values: F64) -> F32:
     """As float32 (n,); what does not fit becomes the largest number that does, which no laser measures."""
     return np.clip(values, -_LARGEST_F32, _LARGEST_F32).astype(np.float32)
-
-
-def printable(name: str) -> str:
-    """A name from a recording with ? for line ends, control codes and broken characters."""
-    return name if name.isprintable() else "".join(one if one.isprintable() else "?" for one in name)

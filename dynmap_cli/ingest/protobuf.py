@@ -199,5 +199,5 @@ def _text(value: Any) -> str:
     """A string field; a number, of which bytes() would make as many zeros, is none."""
     if isinstance(value, int):
         msg = "a number instead of a name"
-        raise TypeError(msg)
+        raise ValueError(msg)
     return bytes(value).decode()

@@ -20,10 +20,10 @@ from dynmap_cli.ingest.plausible import (
     are_stamps,
     is_stamp,
     is_sweep,
-    printable,
 )
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
 from dynmap_cli.ingest.raw_laser import ScanShape
+from dynmap_cli.printable import printable
 
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 LEAST_QUATERNION, MOST_QUATERNION = 0.5, 4.0

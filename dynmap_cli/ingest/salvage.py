@@ -12,10 +12,11 @@ from dynmap_cli.ingest.db3_rows import db3_messages
 from dynmap_cli.ingest.foxglove import as_ros
 from dynmap_cli.ingest.kinds import READ_TYPES
 from dynmap_cli.ingest.mcap_records import mcap_messages
-from dynmap_cli.ingest.plausible import is_stamp, printable
+from dynmap_cli.ingest.plausible import is_stamp
 from dynmap_cli.ingest.raw import RawRecording, Topic, file_name
 from dynmap_cli.ingest.ros_messages import Message, take_messages
 from dynmap_cli.ingest.stored import Losses, StoredMessage
+from dynmap_cli.printable import printable
 
 _ROS2_ENCODING = "cdr"
 _READERS: dict[str, Callable[[Path, Losses], Iterator[StoredMessage]]] = {

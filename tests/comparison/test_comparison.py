@@ -9,7 +9,7 @@ import pytest
 
 from dynmap_cli.comparison.courses import course_in
 from dynmap_cli.comparison.figures import draw_beliefs, draw_courses
-from dynmap_cli.comparison.maps import ComparedMap, one_state, union_of_states
+from dynmap_cli.comparison.maps import ComparedMap, one_state, state_numbers, union_of_states
 from dynmap_cli.comparison.stage import OVER_TIME_HEADER, SUMMARY_HEADER, as_summary, as_table
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.poses import Trajectory, compose
@@ -49,10 +49,15 @@ def test_the_union_reflects_as_the_state_that_reflects_most_and_knows_what_any_s
     assert patch.support == 17
 
 
-@pytest.mark.parametrize(("rank", "patch_id"), [(0, 1), (1, 2), (2, 0), (7, 0)])
-def test_states_are_taken_from_the_most_common_on(sets, rank, patch_id):
-    (patch,) = one_state(three_states(sets[0].frame), rank).patches
+@pytest.mark.parametrize(("number", "patch_id"), [(0, 0), (1, 1), (2, 2), (7, 1)])
+def test_a_state_is_the_one_of_this_number_or_the_most_common(sets, number, patch_id):
+    (patch,) = one_state(three_states(sets[0].frame), number).patches
     assert patch.patch_id == patch_id
+
+
+def test_states_that_were_seen_most_often_come_first(sets):
+    assert state_numbers([three_states(sets[0].frame)]) == [1, 2, 0]
+    assert state_numbers([]) == []
 
 
 @pytest.fixture(scope="module")

@@ -48,24 +48,24 @@ def test_without_corrections_there_is_no_file(tmp_path):
         ),
         (
             "{format_version: 1, corrections: [{drop: {submap: 1, rectangle_m: [0, 0, {}, wide]}}]}",
-            "correction 1: rectangle_m holds something that is no number",
+            "correction 1: rectangle_m[2] is 0 `key: value` lines",
         ),
         (
             "{format_version: 1, corrections: [{merge: {submap: 1, rectangle_m: [0, 0, 1, 1], states: 2}}]}",
             "correction 1: states is 2, not a list",
         ),
-        ("corrections: []", "'format_version' is missing"),
+        ("corrections: []", "it has no format_version"),
         ("{format_version: 2, corrections: []}", "format version 2, this dynmap reads version 1"),
-        ("{format_version: 1, corrections: [{drop: {submap: 1}}]}", "correction 1: 'rectangle_m' is missing"),
+        ("{format_version: 1, corrections: [{drop: {submap: 1}}]}", "correction 1: it has no rectangle_m"),
         ("{format_version: 1, corrections: [drop]}", "correction 1: it is 'drop', not `key: value` lines"),
         ("{format_version: 1, corrections: [{paint: {submap: 1, rectangle_m: [0, 0, 1, 1]}}]}", "'paint' is"),
         (
             "{format_version: 1, corrections: [{drop: {submap: 1, rectangle_m: [0, 0, .nan, 1]}}]}",
-            "left, bottom",
+            "rectangle_m[2] is nan, not a finite number",
         ),
         (
             "{format_version: 1, corrections: [{drop: {submap: -1, rectangle_m: [0, 0, 1, 1]}}]}",
-            "from 0, not -1",
+            "is -1, not a whole number from 0",
         ),
         (
             "{format_version: 1, corrections: [{drop: {submap: 1, rectangle_m: [0, 0, 1, 1], x: 1}}]}",

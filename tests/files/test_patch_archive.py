@@ -31,11 +31,11 @@ def submap(number, draw):
 
 def patch_set(number, draw):
     patches = []
+    shares = np.round(draw.dirichlet((1.0, 2.0, 3.0), 24).T, 6)
     for k in range(3):
         values = draw.random(FRAME.shape).astype(np.float32)
         values[draw.random(FRAME.shape) < 0.2] = np.nan
-        hours = tuple(np.round(draw.random(24), 6).tolist()) if number else ()
-        patches.append(Patch(k, 3 - k, values, hours))
+        patches.append(Patch(k, 3 - k, values, tuple(shares[k].tolist()) if number else ()))
     rounds = tuple(draw.random((k, *FRAME.shape)).astype(np.float32) for k in (1, 2, 2))
     bic = (-9.125, -3.5, -4.0)
     varying = cells_that_vary(patches)
@@ -65,7 +65,9 @@ def content(seed=0):
             math.nan,
             "saw the change",
         ),
+        *(Visit(0, 2 + k, "tuesday.bag", 10 * k, 10 * k + 5, (0, 0, 0, 1, 2)[k], 1.0) for k in range(5)),
         Visit(1, 0, "tuesday.bag", -5, 7, None, math.nan, "saw too little"),
+        *(Visit(2, k, "tuesday.bag", 10 * k, 10 * k + 5, (0, 0, 0, 1, 1, 2)[k], 0.5) for k in range(6)),
     )
     return submaps, (patch_set(0, draw), patch_set(2, draw)), visits
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.config import Config
+from dynmap_cli.domain.patches import Visit
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.patch_archive import write_patches
@@ -36,8 +37,14 @@ def folders(simulated_run, tmp_path):
         SubMap(s.submap_id, s.frame, 0, 0, s.varying, np.ones_like(s.varying), 1.0, name="lab door")
         for s in sets
     ]
-    write_patches(tmp_path / "patches" / "patches.zip", submaps, sets, [])
+    write_patches(tmp_path / "patches" / "patches.zip", submaps, sets, visits_of(sets))
     return tmp_path
+
+
+def visits_of(sets):
+    """As many visits of each state as its support says."""
+    states = [(s.submap_id, p.patch_id) for s in sets for p in s.patches for _ in range(p.support)]
+    return [Visit(submap_id, k, "a.mcap", k, k, state, 1.0) for k, (submap_id, state) in enumerate(states)]
 
 
 def context(folder, map_yaml=None, **settings):
