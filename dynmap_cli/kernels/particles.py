@@ -64,19 +64,18 @@ def mean_step(before: F64, after: F64, weights: F64, out: F64) -> None:
 
 
 @kernel
-def multiply_weights(weights: F64, log_likelihoods: F64, exponent: float, out: F64) -> None:
-    """Write weights times likelihoods to the power of *exponent*, normalized to the sum 1.
+def multiply_weights(weights: F64, log_likelihoods: F64, out: F64) -> None:
+    """Write weights times likelihoods, normalized to the sum 1.
 
     Parameters
     ----------
     weights : (n,) float64
     log_likelihoods : (n,) float64
-    exponent : float
     out : (n,) float64
     """
     most = -math.inf
     for k in range(weights.size):
-        out[k] = (math.log(weights[k]) if weights[k] > 0.0 else -math.inf) + exponent * log_likelihoods[k]
+        out[k] = (math.log(weights[k]) if weights[k] > 0.0 else -math.inf) + log_likelihoods[k]
         most = max(most, out[k])
     total = 0.0
     for k in range(weights.size):

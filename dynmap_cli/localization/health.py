@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.kernels.likelihood import explain_by_states, explain_ends, first_crossings
+from dynmap_cli.kernels.sweeps import are_marked, explain_by_states, sort_beams, walls_crossed
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.particle_filter import Estimate
 from dynmap_cli.localization.places import OPENING_CELLS, NovelPlaces, Place, main_place
@@ -104,26 +104,23 @@ def scan_health(
         Takes note of what the map does not explain.
     now_s : float
     """
-    hits = placed.hits
-    n_hits = max(int(hits.sum()), 1)
-    ends = placed.ends_m[hits]
-    now, other = _explained(ends, pool, likeliest)
-    unexplained = ~(now | other)
+    now, other = _explained(placed.ends_m, pool, likeliest)
     crossings, through = _walls_crossed(placed, pool)
-    crossings, through = crossings[hits], through[hits]
-    in_free = _in_free(ends, pool)
-    things, openings = ends[unexplained & ~through], crossings[through]
-    things = things[novelties.things.see(things, now_s)]
-    openings = openings[novelties.openings.see(openings, now_s)]
+    counts, is_thing, is_opening = np.empty(7, dtype=np.int64), np.empty_like(through), np.empty_like(through)
+    sort_beams(placed.hits, now, other, through, _in_free(placed.ends_m, pool), counts, is_thing, is_opening)
+    n_hits, explained, by_other, unexplained, into_free, opened, off_map = counts.tolist()
+    n_hits = max(n_hits, 1)
+    things = novelties.things.staying(placed.ends_m[is_thing], now_s)
+    openings = novelties.openings.staying(crossings[is_opening], now_s)
     return ScanHealth(
-        explained=float(now.sum()) / n_hits,
-        explained_by_other_state=float(other.sum()) / n_hits,
-        unexplained=float(unexplained.sum()) / n_hits,
-        through=float((unexplained & through & in_free).sum()) / n_hits,
-        opened=float((unexplained & through & ~in_free).sum()) / n_hits,
+        explained=explained / n_hits,
+        explained_by_other_state=by_other / n_hits,
+        unexplained=unexplained / n_hits,
+        through=into_free / n_hits,
+        opened=opened / n_hits,
         changed=(len(things) + len(openings)) / n_hits,
         where=main_place(things, openings, [pool.submaps[number] for number in likeliest]),
-        off_map=float((unexplained & ~through & ~in_free).sum()) / n_hits,
+        off_map=off_map / n_hits,
     )
 
 
@@ -196,8 +193,9 @@ def ends_off_map(placed: PlacedSweep, pool: MapPool) -> B1:
 
 def _in_free(points_m: F64, pool: MapPool) -> B1:
     """Which points (n, 2) lie where the map is free."""
-    rows, cols = np.clip(pool.frame.to_cells(points_m), 0, np.array(pool.frame.shape) - 1).T
-    return np.asarray(pool.free[rows, cols])
+    free = np.empty(len(points_m), dtype=np.bool_)
+    are_marked(points_m, pool.frame.corner, pool.free, free)
+    return free
 
 
 def _count_places(crossings_m: F64) -> int:
@@ -211,7 +209,7 @@ def _count_places(crossings_m: F64) -> int:
 def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tuple[B1, B1]:
     """Which ends lie near something in the likeliest states, and which only in other states."""
     now, other = np.empty(len(ends_m), dtype=np.bool_), np.zeros(len(ends_m), dtype=np.bool_)
-    explain_ends(ends_m, pool.frame.corner, pool.explained, now)
+    are_marked(ends_m, pool.frame.corner, pool.explained, now)
     for number, state in likeliest.items():
         submap = pool.submaps[number]
         explain_by_states(ends_m, submap.frame.corner, submap.owned, submap.explained, state, now, other)
@@ -219,22 +217,17 @@ def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tupl
 
 
 def _walls_crossed(placed: PlacedSweep, pool: MapPool) -> tuple[F64, B1]:
-    """Where each beam crosses the first static surface on its way (n, 2), and which overshoot it."""
-    size = pool.frame.resolution_m
+    """Where beams cross the first static surface on their way (n, 2), and which overshoot it; else the sensor."""
     crossings = np.empty((placed.lengths_m.size, 2))
-    x = (placed.sensor_m[0] - pool.frame.origin_x_m) / size
-    y = (placed.sensor_m[1] - pool.frame.origin_y_m) / size
-    first_crossings(
+    through = np.empty(placed.lengths_m.size, dtype=np.bool_)
+    walls_crossed(
         pool.surfaces,
-        float(x),
-        float(y),
+        pool.frame.corner,
+        placed.sensor_m,
         placed.directions_rad,
-        placed.lengths_m / size,
-        LEAST_SINE,
+        placed.lengths_m,
+        np.array([LEAST_SINE, OVERSHOOT_M]),
         crossings,
+        through,
     )
-    distances = crossings[:, 1] * size
-    through = distances + OVERSHOOT_M < placed.lengths_m
-    directions = np.stack([np.cos(placed.directions_rad), np.sin(placed.directions_rad)], axis=-1)
-    points = placed.sensor_m + np.where(through, distances, 0.0)[:, None] * directions
-    return points, np.asarray(through)
+    return crossings, through

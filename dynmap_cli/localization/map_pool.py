@@ -13,7 +13,6 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.kernels.likelihood import own_cells
 from dynmap_cli.localization.priors import prior_by_hour
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -80,13 +79,6 @@ class SubMapStates:
         """Lowest x, lowest y, highest x, highest y in the map frame."""
         x, y, size = self.frame.origin_x_m, self.frame.origin_y_m, self.frame.resolution_m
         return x, y, x + self.frame.cols * size, y + self.frame.rows * size
-
-    def cells_of(self, points_m: F64) -> tuple[I64, B1]:
-        """Cell of the rectangle of each point (n, 2), clipped to it, and which points lie in an own cell."""
-        n = points_m.shape[0]
-        cells, inside = np.empty((n, 2), dtype=np.int64), np.empty(n, dtype=np.bool_)
-        own_cells(points_m, self.frame.corner, self.owned, cells, inside)
-        return cells, inside
 
     def windows(self) -> I32:
         """(n_states, 5) int32 rows for `field_log_likelihoods`."""

@@ -78,10 +78,10 @@ def make_particles(poses: F64) -> Particles:
     return Particles(poses, np.full(n, 1.0 / n), none, none)
 
 
-def reweigh(particles: Particles, log_likelihoods: F64, exponent: float = 1.0) -> Particles:
-    """Multiply weights by likelihoods, given as logarithms, to the power of *exponent*, and normalize."""
+def reweigh(particles: Particles, log_likelihoods: F64) -> Particles:
+    """Multiply weights by likelihoods, given as logarithms, and normalize."""
     weights = np.empty(particles.count)
-    multiply_weights(particles.weights, log_likelihoods, exponent, weights)
+    multiply_weights(particles.weights, log_likelihoods, weights)
     return replace(particles, weights=weights)
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.kernels.sweeps import see_places
 from dynmap_cli.localization.map_pool import SubMapStates
 
 STAYS_S, FORGOTTEN_S = 5.0, 2.0
@@ -19,7 +19,6 @@ COARSE_M = 0.2
 OPENING_CELLS = 3
 """An opening is at least as wide; at the end of a wall, beams that pass it closely cross a cell or two."""
 _BIN_M, _AROUND_M = 0.5, 0.75
-_ALL_NEIGHBOURS = np.ones((3, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,33 +62,25 @@ class NovelPlaces:
     """
 
     def __init__(self, frame: GridFrame, least_cells: int = 1) -> None:
-        self._least_cells = least_cells
+        self._limits = np.array([STAYS_S, FORGOTTEN_S, least_cells])
         self._cell = max(round(COARSE_M / frame.resolution_m), 1)
         shape = (frame.rows // self._cell + 1, frame.cols // self._cell + 1)
-        self._frame = frame
+        self._corner = frame.corner
         self._first_s = np.full(shape, -np.inf)
         self._last_s = np.full(shape, -np.inf)
 
     def see(self, points_m: F64, now_s: float) -> B1:
         """Note points (n, 2); return which of them belong to what has stayed for `STAYS_S`."""
-        cells = self._frame.to_cells(points_m)
-        inside = ((cells >= 0) & (cells < self._frame.shape)).all(axis=1)
-        staying = np.zeros(inside.size, dtype=np.bool_)
-        if not bool(inside.any()):
-            return staying
-        rows, cols = (cells[inside] // self._cell).T
-        is_new = now_s - self._last_s[rows, cols] > FORGOTTEN_S
-        self._first_s[rows[is_new], cols[is_new]] = now_s
-        self._last_s[rows, cols] = now_s
-        window = (slice(rows.min(), rows.max() + 1), slice(cols.min(), cols.max() + 1))
-        last_s = self._last_s[window]
-        recent = now_s - last_s <= FORGOTTEN_S
-        things, count = ndimage.label(recent, _ALL_NEIGHBOURS)
-        seconds = np.where(recent, last_s, 0.0) - np.where(recent, self._first_s[window], 0.0)
-        stays = np.asarray(ndimage.maximum(seconds, things, np.arange(count + 1))) >= STAYS_S
-        stays &= np.bincount(things.ravel(), minlength=count + 1) >= self._least_cells
-        staying[inside] = stays[things[rows - rows.min(), cols - cols.min()]]
+        staying = np.empty(len(points_m), dtype=np.bool_)
+        if staying.size:
+            see_places(
+                points_m, self._corner, self._cell, now_s, self._limits, self._first_s, self._last_s, staying
+            )
         return staying
+
+    def staying(self, points_m: F64, now_s: float) -> F64:
+        """Note points (n, 2); return those (m, 2) that belong to what has stayed for `STAYS_S`."""
+        return points_m[self.see(points_m, now_s)]
 
 
 def main_place(things_m: F64, openings_m: F64, submaps: Sequence[SubMapStates]) -> Place | None:

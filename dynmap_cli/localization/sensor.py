@@ -12,7 +12,8 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.likelihood import field_log_likelihoods, place_beams
+from dynmap_cli.kernels.likelihood import field_log_likelihoods
+from dynmap_cli.kernels.sweeps import place_beams
 from dynmap_cli.localization.settings import LocalizationSettings
 
 POSES_PER_CHUNK = 50_000

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.kernels.likelihood import first_crossings, place_beams
+from dynmap_cli.kernels.sweeps import place_beams, weigh_states
 from dynmap_cli.localization.map_pool import MapPool, SubMapStates
 from dynmap_cli.localization.sensor import Sweep, best_log_likelihood, least_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -95,34 +95,24 @@ def state_evidence(
     an empty patch does. So a beam that went through something solid gets the value of an end far from
     everything, instead of that of its end (inside) or of an end on the map (behind the rectangle).
     """
-    size = pool.frame.resolution_m
-    n_beams, n_states = placed.lengths_m.size, submap.n_states
-    x, y = (placed.sensor_m - (submap.frame.origin_x_m, submap.frame.origin_y_m)) / size
-    crossings = np.empty((n_states, n_beams, 2))
-    for state in range(n_states):
-        first_crossings(
-            submap.surfaces[state],
-            float(x),
-            float(y),
-            placed.directions_rad,
-            placed.lengths_m / size,
-            LEAST_SINE,
-            crossings[state],
-        )
-    reaches = crossings[0, :, 0] * size <= settings.view_m
-    cells, inside = submap.cells_of(placed.ends_m)
-    inside &= placed.hits
-    best, least = best_log_likelihood(settings), least_log_likelihood(settings)
-    ends = np.full((n_states, n_beams), best)
-    ends[:, inside] = np.log(submap.likelihoods[:, cells[inside, 0], cells[inside, 1]])
-    passed = (crossings[:, :, 1] * size + BEYOND_M <= placed.lengths_m) & reaches
-    at_ends = np.where(inside & reaches, ends, 0.0)
-    through = np.where(passed, least - ends, 0.0)
-    return StateEvidence(
-        at_ends=at_ends.sum(axis=1),
-        through=through.sum(axis=1),
-        n_beams=int((np.ptp(at_ends + through, axis=0) >= TELLS_APART).sum()),
+    at_ends, through = np.empty(submap.n_states), np.empty(submap.n_states)
+    n_beams = weigh_states(
+        submap.surfaces,
+        submap.owned,
+        pool.pool,
+        submap.field_start,
+        submap.frame.corner,
+        placed.sensor_m,
+        placed.directions_rad,
+        placed.lengths_m,
+        placed.ends_m,
+        placed.hits,
+        np.array([best_log_likelihood(settings), least_log_likelihood(settings)]),
+        np.array([LEAST_SINE, BEYOND_M, settings.view_m, TELLS_APART]),
+        at_ends,
+        through,
     )
+    return StateEvidence(at_ends, through, n_beams)
 
 
 def update_belief(belief: F64, log_likelihoods: F64) -> F64:

@@ -39,13 +39,13 @@ def test_the_comb_is_its_plain_twin(values, count, offset):
     assert drawn.tolist() == plain_low_variance(values, count, offset)
 
 
-@given(weights, st.integers(0, 999), st.floats(0.05, 1.0))
-def test_weighing_is_its_plain_twin(values, seed, exponent):
+@given(weights, st.integers(0, 999))
+def test_weighing_is_its_plain_twin(values, seed):
     particles = make_particles(np.zeros((len(values), 3)))
     particles = replace(particles, weights=np.array(values) / np.sum(values))
     logs = np.random.default_rng(seed).normal(-5.0, 5.0, len(values))
-    expected = plain_reweigh(particles.weights, logs, exponent)
-    np.testing.assert_allclose(reweigh(particles, logs, exponent).weights, expected, rtol=1e-9, atol=1e-300)
+    expected = plain_reweigh(particles.weights, logs)
+    np.testing.assert_allclose(reweigh(particles, logs).weights, expected, rtol=1e-9, atol=1e-300)
 
 
 @given(st.integers(0, 999), st.integers(1, 200), st.sampled_from([0.1, 1.0, 30.0]))

@@ -6,6 +6,7 @@ import itertools
 import math
 
 import numpy as np
+from scipy import ndimage
 
 from tests.reference.counting import plain_passes
 
@@ -71,6 +72,55 @@ def plain_first_crossing(surfaces, x, y, direction, length, least_sine, step=1e-
     return entered, crossed
 
 
+def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, crossing):
+    """What each state says of the ends, and of beams that went through something; beams that tell states apart."""
+    sensor, directions, lengths, ends, hits = beams
+    n_states, n = len(surfaces), len(lengths)
+    at_ends, through = np.zeros((n_states, n)), np.zeros((n_states, n))
+    (x, y), size = (sensor - cell[:2]) / cell[2], cell[2]
+    for state, beam in itertools.product(range(n_states), range(n)):
+        ahead = math.cos(directions[beam]), math.sin(directions[beam])
+        enter, crossed = crossing(surfaces[state], x, y, *ahead, lengths[beam] / size, limits[0])
+        if enter * size > limits[2]:
+            continue
+        col, row = (math.floor(v) for v in (ends[beam] - cell[:2]) / size)
+        is_in = 0 <= row < owned.shape[0] and 0 <= col < owned.shape[1] and hits[beam] and owned[row, col]
+        end = fields[state, row, col] if is_in else values[0]
+        at_ends[state, beam] = end if is_in else 0.0
+        through[state, beam] = values[1] - end if crossed * size + limits[1] <= lengths[beam] else 0.0
+    told = np.ptp(at_ends + through, axis=0) >= limits[3]
+    return at_ends.sum(axis=1), through.sum(axis=1), int(told.sum())
+
+
+def plain_staying(points, cell, cells_at_once, now, limits, first, last):
+    """Whether each point belongs to what has stayed; cells in view are labelled, notes are taken as in the kernel."""
+    places = [
+        (
+            math.floor((y - cell[1]) / cell[2]) // cells_at_once,
+            math.floor((x - cell[0]) / cell[2]) // cells_at_once,
+        )
+        for x, y in points
+    ]
+    inside = [p for p in places if 0 <= p[0] < first.shape[0] and 0 <= p[1] < first.shape[1]]
+    for place in inside:
+        if now - last[place] > limits[1]:
+            first[place] = now
+        last[place] = now
+    if not inside:
+        return [False] * len(places)
+    seen = np.zeros(first.shape, dtype=bool)
+    (top, left), (bottom, right) = np.min(inside, axis=0), np.max(inside, axis=0)
+    window = np.s_[top : bottom + 1, left : right + 1]
+    seen[window] = now - last[window] <= limits[1]
+    things, _ = ndimage.label(seen, np.ones((3, 3)))
+
+    def stays(place):
+        thing = things == things[place]
+        return (last[thing] - first[thing]).max() >= limits[0] and thing.sum() >= limits[2]
+
+    return [place in inside and bool(stays(place)) for place in places]
+
+
 def plain_odometry_step(pose, step, noise, alphas):
     """Table 5.6 of Probabilistic Robotics, one particle, with AMCL's treatment of reversing."""
     a1, a2, a3, a4 = alphas
@@ -115,9 +165,9 @@ def plain_mean_step(before, after, weights):
     return total
 
 
-def plain_reweigh(weights, log_likelihoods, exponent):
+def plain_reweigh(weights, log_likelihoods):
     """Bayes, one particle at a time."""
-    products = [w * math.exp(exponent * log) for w, log in zip(weights, log_likelihoods, strict=True)]
+    products = [w * math.exp(log) for w, log in zip(weights, log_likelihoods, strict=True)]
     return [p / sum(products) for p in products]
 
 

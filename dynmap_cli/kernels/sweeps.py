@@ -1,0 +1,361 @@
+"""One placed scan in the map: the surfaces its beams cross, what explains their ends, and what the states say of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I64, U8
+from dynmap_cli.kernels.jit import kernel
+
+
+@kernel
+def place_beams(directions_rad: F64, lengths_m: F64, pose: F64, out_rad: F64, out_m: F64) -> None:
+    """Write the directions and the ends of beams that start at a pose (3,).
+
+    Parameters
+    ----------
+    directions_rad, lengths_m : (n,) float64
+        Seen from the pose.
+    pose : (3,) float64
+    out_rad : (n,) float64
+    out_m : (n, 2) float64
+    """
+    for k in range(directions_rad.size):
+        out_rad[k] = directions_rad[k] + pose[2]
+        out_m[k, 0] = pose[0] + lengths_m[k] * math.cos(out_rad[k])
+        out_m[k, 1] = pose[1] + lengths_m[k] * math.sin(out_rad[k])
+
+
+@kernel
+def _stretch_inside(start: float, step: float, size: int) -> tuple[float, float]:
+    """From where to where along a ray one of its coordinates lies within [0, size)."""
+    if step != 0.0:
+        a, b = -start / step, (size - start) / step
+        return min(a, b), max(a, b)
+    return (-math.inf, math.inf) if 0.0 <= start < size else (math.inf, -math.inf)
+
+
+@kernel
+def _first_border(start: float, step: float, cell: int) -> tuple[float, float]:
+    """Distance along a ray to where it leaves its first row or column of cells, and from one border to the next."""
+    if step == 0.0:
+        return math.inf, math.inf
+    return (cell + (step > 0.0) - start) / step, abs(1.0 / step)
+
+
+@kernel
+def first_crossing(
+    surfaces: U8, x: float, y: float, dx: float, dy: float, length: float, least_sine: float
+) -> tuple[float, float]:
+    """Where a beam enters a grid, and where it first crosses a surface in it; in cells.
+
+    A beam that slides along a surface crosses nothing: only cells whose surface it meets at an angle
+    with a sine of at least *least_sine* count.
+
+    Parameters
+    ----------
+    surfaces : (rows, cols) uint8
+        0 = nothing solid, 1 to 180 = solid, direction of the surface in degrees plus one,
+        255 = solid from all sides.
+    x, y : float
+        The sensor, in cells of this grid (may lie outside).
+    dx, dy : float
+        Direction of the beam, of length 1.
+    length : float
+        How far the beam is followed, cells; finite.
+    least_sine : float
+
+    Returns
+    -------
+    enter, crossed : float
+        Distance at which the beam enters the grid, and the cell with its first crossing; +inf where it does
+        not within its length.
+    """
+    rows, cols = surfaces.shape
+    enter_x, leave_x = _stretch_inside(x, dx, cols)
+    enter_y, leave_y = _stretch_inside(y, dy, rows)
+    enter, leave = max(0.0, enter_x, enter_y), min(length, leave_x, leave_y)
+    if enter >= leave:
+        return math.inf, math.inf
+    col = min(max(int(math.floor(x + dx * enter)), 0), cols - 1)
+    row = min(max(int(math.floor(y + dy * enter)), 0), rows - 1)
+    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    next_x, delta_x = _first_border(x, dx, col)
+    next_y, delta_y = _first_border(y, dy, row)
+    at = enter
+    while at < leave and 0 <= col < cols and 0 <= row < rows:
+        code = surfaces[row, col]
+        if code != 0:
+            along = math.radians(code - 1.0)
+            if code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine:
+                return enter, at
+        if next_x < next_y:
+            col += step_col
+            at = next_x
+            next_x += delta_x
+        else:
+            row += step_row
+            at = next_y
+            next_y += delta_y
+    return enter, math.inf
+
+
+@kernel
+def walls_crossed(
+    surfaces: U8,
+    cell: F64,
+    sensor_m: F64,
+    directions_rad: F64,
+    lengths_m: F64,
+    limits: F64,
+    crossings_m: F64,
+    through: B1,
+) -> None:
+    """Write which beams go on behind the first surface that they cross, and where they cross it.
+
+    Parameters
+    ----------
+    surfaces : (rows, cols) uint8
+        As for `first_crossing`.
+    cell : (3,) float64
+        x and y of the grid's lower left corner, and the edge of a cell, in metres.
+    sensor_m : (2,) float64
+    directions_rad, lengths_m : (n,) float64
+        In the map frame.
+    limits : (2,) float64
+        Sine of the least angle with a surface, and how far a beam goes on behind it at least, metres.
+    crossings_m : (n, 2) float64
+        The sensor for beams that go through nothing.
+    through : (n,) bool
+    """
+    x, y = (sensor_m[0] - cell[0]) / cell[2], (sensor_m[1] - cell[1]) / cell[2]
+    for beam in range(directions_rad.size):
+        dx, dy = math.cos(directions_rad[beam]), math.sin(directions_rad[beam])
+        _, crossed = first_crossing(surfaces, x, y, dx, dy, lengths_m[beam] / cell[2], limits[0])
+        through[beam] = crossed * cell[2] + limits[1] < lengths_m[beam]
+        distance = crossed * cell[2] if through[beam] else 0.0
+        crossings_m[beam, 0] = sensor_m[0] + distance * dx
+        crossings_m[beam, 1] = sensor_m[1] + distance * dy
+
+
+@kernel
+def weigh_states(
+    surfaces: U8,
+    owned: B1,
+    pool: F32,
+    field_start: I64,
+    cell: F64,
+    sensor_m: F64,
+    directions_rad: F64,
+    lengths_m: F64,
+    ends_m: F64,
+    hits: B1,
+    values: F64,
+    limits: F64,
+    at_ends: F64,
+    through: F64,
+) -> int:
+    """Write what a scan says of each state of a sub-map; return how many beams tell them apart.
+
+    Parameters
+    ----------
+    surfaces : (n_states, rows, cols) uint8
+        As for `first_crossing`.
+    owned : (rows, cols) bool
+    pool : (n,) float32
+        Log-likelihood of an end, in which the field of each state starts at *field_start* (n_states,) int64.
+    cell : (3,) float64
+        x and y of the sub-map's lower left corner, and the edge of a cell, in metres.
+    sensor_m : (2,) float64
+    directions_rad, lengths_m : (n,) float64
+        In the map frame.
+    ends_m : (n, 2) float64
+    hits : (n,) bool
+        Beams that hit something.
+    values : (2,) float64
+        Log-likelihood of an end on the map, and of one far from it.
+    limits : (4,) float64
+        Sine of the least angle with a surface; how far a beam goes on behind it at least, and how far the
+        sub-map is at most, metres; difference of log-likelihoods by which a beam tells states apart.
+    at_ends, through : (n_states,) float64
+        Sums: of ends inside, and of what is added for beams that went through something.
+    """
+    rows, cols = owned.shape
+    x, y = (sensor_m[0] - cell[0]) / cell[2], (sensor_m[1] - cell[1]) / cell[2]
+    at_ends[:] = 0.0
+    through[:] = 0.0
+    n_beams = 0
+    for beam in range(directions_rad.size):
+        dx, dy, length = math.cos(directions_rad[beam]), math.sin(directions_rad[beam]), lengths_m[beam]
+        col = int(math.floor((ends_m[beam, 0] - cell[0]) / cell[2]))
+        row = int(math.floor((ends_m[beam, 1] - cell[1]) / cell[2]))
+        inside = hits[beam] and 0 <= row < rows and 0 <= col < cols and owned[row, col]
+        lowest, highest = math.inf, -math.inf
+        for state in range(field_start.size):
+            enter, crossed = first_crossing(surfaces[state], x, y, dx, dy, length / cell[2], limits[0])
+            if not enter * cell[2] <= limits[2]:
+                break
+            end, said = values[0], 0.0
+            if inside:
+                end = said = np.float64(pool[field_start[state] + row * cols + col])
+                at_ends[state] += end
+            if crossed * cell[2] + limits[1] <= length:
+                through[state] += values[1] - end
+                said += values[1] - end
+            lowest, highest = min(lowest, said), max(highest, said)
+        n_beams += highest - lowest >= limits[3]
+    return n_beams
+
+
+@kernel
+def are_marked(points_m: F64, cell: F64, marked: B1, out: B1) -> None:
+    """Write whether each point lies in a marked cell; points outside the grid count for its border.
+
+    Parameters
+    ----------
+    points_m : (n, 2) float64
+    cell : (3,) float64
+        x and y of the grid's lower left corner, and the edge of a cell, in metres.
+    marked : (rows, cols) bool
+    out : (n,) bool
+    """
+    rows, cols = marked.shape
+    for k in range(points_m.shape[0]):
+        col = int(math.floor((points_m[k, 0] - cell[0]) / cell[2]))
+        row = int(math.floor((points_m[k, 1] - cell[1]) / cell[2]))
+        out[k] = marked[min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)]
+
+
+@kernel
+def explain_by_states(
+    ends_m: F64, cell: F64, owned: B1, explained: B1, state: int, now: B1, other: B1
+) -> None:
+    """Overwrite, for ends in own cells of a sub-map, whether one state explains them, and whether only others do.
+
+    Parameters
+    ----------
+    ends_m : (n, 2) float64
+    cell : (3,) float64
+        x and y of the sub-map's lower left corner, and the edge of a cell, in metres.
+    owned : (rows, cols) bool
+    explained : (n_states, rows, cols) bool
+    state : int
+    now, other : (n,) bool
+    """
+    rows, cols = owned.shape
+    for k in range(ends_m.shape[0]):
+        col = int(math.floor((ends_m[k, 0] - cell[0]) / cell[2]))
+        row = int(math.floor((ends_m[k, 1] - cell[1]) / cell[2]))
+        if 0 <= row < rows and 0 <= col < cols and owned[row, col]:
+            by_any = False
+            for k_state in range(explained.shape[0]):
+                by_any |= explained[k_state, row, col]
+            now[k] = explained[state, row, col]
+            other[k] = by_any and not now[k]
+
+
+@kernel
+def sort_beams(
+    hits: B1, now: B1, other: B1, through: B1, in_free: B1, counts: I64, things: B1, openings: B1
+) -> None:
+    """Count the beams with a return by what explains them, and write which show something that the map has not.
+
+    Parameters
+    ----------
+    hits, now, other, through, in_free : (n,) bool
+        Whether a beam hit something; its end is explained by the likeliest states, or by others only; it went
+        through a wall; it ends where the map is free.
+    counts : (7,) int64
+        Beams that hit something; explained now, by others, and by none; of the last, those that went through
+        a wall into the free, those that went through one to where the map knows nothing, and those that did neither
+        and end where the map knows nothing.
+    things, openings : (n,) bool
+        Unexplained and through nothing; through a wall.
+    """
+    counts[:] = 0
+    for k in range(hits.size):
+        unexplained = hits[k] and not (now[k] or other[k])
+        things[k] = unexplained and not through[k]
+        openings[k] = hits[k] and through[k]
+        counts[0] += hits[k]
+        counts[1] += hits[k] and now[k]
+        counts[2] += hits[k] and other[k]
+        counts[3] += unexplained
+        counts[4] += unexplained and through[k] and in_free[k]
+        counts[5] += unexplained and through[k] and not in_free[k]
+        counts[6] += things[k] and not in_free[k]
+
+
+@kernel
+def see_places(
+    points_m: F64,
+    cell: F64,
+    cells_at_once: int,
+    now_s: float,
+    limits: F64,
+    first_s: F64,
+    last_s: F64,
+    out: B1,
+) -> None:
+    """Note when points were seen, by cells; write which of them belong to a thing that has stayed.
+
+    Cells that touch belong to one thing, which is as old as its oldest cell. Only cells within the bounds of
+    the points are looked at.
+
+    Parameters
+    ----------
+    points_m : (n, 2) float64
+    cell : (3,) float64
+        x and y of the map's lower left corner, and the edge of one of its cells, in metres.
+    cells_at_once : int
+        Cells of the map along the edge of a cell here.
+    now_s : float
+    limits : (3,) float64
+        Seconds after which a thing has stayed, and after which a cell that was not seen is forgotten; cells
+        of a thing at least.
+    first_s, last_s : (rows, cols) float64
+        When something was seen in each cell, first and last; -inf = never.
+    out : (n,) bool
+    """
+    n = points_m.shape[0]
+    rows, cols = first_s.shape
+    cells = np.full((n, 2), -1, dtype=np.int64)
+    top, left, bottom, right = rows, cols, -1, -1
+    for k in range(n):
+        col = int(math.floor((points_m[k, 0] - cell[0]) / cell[2])) // cells_at_once
+        row = int(math.floor((points_m[k, 1] - cell[1]) / cell[2])) // cells_at_once
+        if not (0 <= row < rows and 0 <= col < cols):
+            continue
+        cells[k, 0], cells[k, 1] = row, col
+        top, left, bottom, right = min(top, row), min(left, col), max(bottom, row), max(right, col)
+        if now_s - last_s[row, col] > limits[1]:
+            first_s[row, col] = now_s
+        last_s[row, col] = now_s
+    # 0 = not yet looked at, 1 = of a thing that has just come, 2 = of one that has stayed
+    verdicts = np.zeros((max(bottom - top + 1, 0), max(right - left + 1, 0)), dtype=np.uint8)
+    reached = np.empty((verdicts.size, 2), dtype=np.int64)
+    for k in range(n):
+        out[k] = False
+        if cells[k, 0] < 0:
+            continue
+        if verdicts[cells[k, 0] - top, cells[k, 1] - left] == 0:
+            reached[0, 0], reached[0, 1] = cells[k, 0], cells[k, 1]
+            verdicts[cells[k, 0] - top, cells[k, 1] - left] = 1
+            count, done, oldest_s = 1, 0, 0.0
+            while done < count:
+                row, col = reached[done, 0], reached[done, 1]
+                oldest_s = max(oldest_s, last_s[row, col] - first_s[row, col])
+                done += 1
+                for near_row in range(max(row - 1, top), min(row + 1, bottom) + 1):
+                    for near_col in range(max(col - 1, left), min(col + 1, right) + 1):
+                        is_recent = now_s - last_s[near_row, near_col] <= limits[1]
+                        if is_recent and verdicts[near_row - top, near_col - left] == 0:
+                            verdicts[near_row - top, near_col - left] = 1
+                            reached[count, 0], reached[count, 1] = near_row, near_col
+                            count += 1
+            if oldest_s >= limits[0] and count >= limits[2]:
+                for part in range(count):
+                    verdicts[reached[part, 0] - top, reached[part, 1] - left] = 2
+        out[k] = verdicts[cells[k, 0] - top, cells[k, 1] - left] == 2
