@@ -101,22 +101,31 @@ def find_contradiction(sweeps: Sweeps, range_min_m: float, reach_m: float) -> Co
 
 def _crosses_solid(length_m: F64, angle_rad: F64, origins_m: F64, farthest_m: float) -> B1:
     """(n, n_beams) whether a beam crosses a solid cell; beams of infinite length are traced up to *farthest_m*."""
-    along_m = np.arange(_STEP_M, farthest_m, _STEP_M)
-    angle_rad = np.where(np.isfinite(angle_rad), angle_rad, 0.0)
-    direction = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+    lengths_m = length_m.ravel()
+    angle_rad = np.where(np.isfinite(angle_rad), angle_rad, 0.0).ravel()
+    direction = np.cos(angle_rad), np.sin(angle_rad)
     origins_m = origins_m - origins_m.min(axis=0) + farthest_m + _STEP_M
     n_cells = int(np.ceil((origins_m.max() + farthest_m) / _STEP_M)) + 2
-    ends = _cells(origins_m[:, None] + np.minimum(length_m, farthest_m)[..., None] * direction, n_cells)
-    hits = np.bincount(ends[length_m < farthest_m], minlength=n_cells**2)
-    samples = _cells(origins_m[:, None, None] + along_m[:, None] * direction[:, :, None], n_cells)
-    is_before_end = along_m < length_m[..., None] - _BEFORE_END_M
-    is_passed = is_before_end & np.isfinite(length_m)[..., None]
-    passes = np.bincount(samples[is_passed], minlength=n_cells**2)
+    starts = tuple(np.repeat(column, length_m.shape[1]) for column in origins_m.T)
+
+    def cells(beams: I64, along_m: F64) -> I64:
+        """Flat cell numbers of points on beams; all lie beyond zero, where cutting off is rounding down."""
+        x, y = (
+            ((start[beams] + along_m * part[beams]) / _STEP_M).astype(np.int64)
+            for start, part in zip(starts, direction, strict=True)
+        )
+        return np.asarray(x * n_cells + y)
+
+    ending = np.flatnonzero(lengths_m < farthest_m)
+    hits = np.bincount(cells(ending, lengths_m[ending]), minlength=n_cells**2)
+    # Points at fixed steps before the end of each beam, those of one beam after those of another.
+    steps_m = np.arange(_STEP_M, farthest_m, _STEP_M)
+    counts = np.searchsorted(steps_m, lengths_m - _BEFORE_END_M)
+    beams = np.repeat(np.arange(counts.size), counts)
+    numbers = np.arange(beams.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    samples = cells(beams, steps_m[numbers])
+    passes = np.bincount(samples[np.isfinite(lengths_m)[beams]], minlength=n_cells**2)
     is_solid = (hits >= _LEAST_HITS) & (hits >= _SOLID * (hits + passes))
-    return np.asarray((is_solid[samples] & is_before_end).any(axis=-1))
-
-
-def _cells(points_m: F64, n_cells: int) -> I64:
-    """Flat cell numbers of points (..., 2) in a square grid that starts at the origin."""
-    cells = np.floor(points_m / _STEP_M).astype(np.int64)
-    return np.asarray(cells[..., 0] * n_cells + cells[..., 1])
+    crosses = np.zeros(lengths_m.size, dtype=bool)
+    crosses[beams[is_solid[samples]]] = True
+    return crosses.reshape(length_m.shape)

@@ -23,6 +23,7 @@ _LEAST_TURN_RAD, _LEAST_TO_A_SIDE_RAD = math.radians(180.0), math.radians(45.0)
 _LEAST_SCANS, _MOST_SCANS, _LEAST_TURNS = 40, 4000, 8
 _LEAST_SAME, _LEAST_MEASURED = 0.97, 0.5
 _AHEAD, _FARTHEST_AHEAD = 16, 4096
+_BLOCK = 2048
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +74,22 @@ def moves_of(poses: F64, usable: B1) -> Moves:
     known = np.flatnonzero(usable & np.isfinite(poses).all(axis=1))
     chosen = [0] if known.size else []
     at, window = 1, _AHEAD
+    ready: list[int] = []
+    begin = 0
     while at < known.size and len(chosen) < _MOST_SCANS:
-        last, ahead = poses[known[chosen[-1]]], poses[known[at : at + window]]
-        is_away = np.hypot(ahead[:, 0] - last[0], ahead[:, 1] - last[1]) >= _STEP_M
-        is_away |= np.abs(wrap_angle(ahead[:, 2] - last[2])) >= _STEP_RAD
+        if at == chosen[-1] + 1:
+            # While the robot drives, the next is one of the first few.
+            if at > begin + len(ready):
+                begin = at - 1
+                ready = _next_moved(poses[known[begin : begin + _BLOCK + _AHEAD]])
+            step = ready[at - 1 - begin]
+            if step:
+                chosen.append(at - 1 + step)
+                at, window = at + step, _AHEAD
+            else:
+                at, window = at + _AHEAD, 2 * _AHEAD
+            continue
+        is_away = _are_away(poses[known[at : at + window]], poses[known[chosen[-1]]])
         first = int(np.argmax(is_away))
         if is_away[first]:
             chosen.append(at + first)
@@ -88,6 +101,22 @@ def moves_of(poses: F64, usable: B1) -> Moves:
     turns_rad = np.concatenate([np.zeros(min(rows.size, 1)), wrap_angle(steps[:, 2])])
     path_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
     return Moves(rows, turns_rad, path_m)
+
+
+def _next_moved(poses: F64) -> list[int]:
+    """For each of the first 2048 poses (n, 3) how many later the robot has moved, of up to 16; 0 = not by then."""
+    steps = np.zeros(min(poses.shape[0], _BLOCK), dtype=np.int64)
+    for ahead in range(_AHEAD, 0, -1):
+        later = poses[ahead : ahead + steps.size]
+        steps[: later.shape[0]][_are_away(later, poses[: later.shape[0]])] = ahead
+    return [int(step) for step in steps]
+
+
+def _are_away(poses: F64, last: F64) -> B1:
+    """(n,) whether the robot moved between poses (n, 3) and others, (n, 3) or (3,)."""
+    is_away = np.hypot(poses[:, 0] - last[..., 0], poses[:, 1] - last[..., 1]) >= _STEP_M
+    is_away |= np.abs(wrap_angle(poses[:, 2] - last[..., 2])) >= _STEP_RAD
+    return np.asarray(is_away)
 
 
 def own_body(ranges_m: F32, moves: Moves, range_min_m: float) -> F64:
