@@ -17,9 +17,9 @@ import numpy as np
 
 from dynmap_cli.domain.grid import MAX_CELLS, GridFrame
 from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, PatchSet
+from dynmap_cli.files.csv_tables import rows_of, whole_in
 from dynmap_cli.files.npy import Column, parse_npy
 from dynmap_cli.files.plain_values import said
-from dynmap_cli.files.csv_tables import rows_of, whole_in
 
 OBJECTS_TABLE = "objects.csv"
 _COLUMNS = ("submap", "visit", "object", "state")

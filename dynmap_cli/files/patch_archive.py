@@ -25,6 +25,7 @@ from dynmap_cli.domain.patches import ChangingObject, Patch, PatchSet, Visit, ce
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.atomic import replacing
+from dynmap_cli.files.csv_tables import rows_of, whole_in
 from dynmap_cli.files.damage import DAMAGE, reason
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, as_text, parse_json
 from dynmap_cli.files.manifest import FORMAT_VERSION
@@ -41,7 +42,6 @@ from dynmap_cli.files.object_tables import (
 from dynmap_cli.files.patch_manifest import MANIFEST, SubMapEntry, check_supports, parse_entries
 from dynmap_cli.files.pgm import pgm_bytes
 from dynmap_cli.files.plain_values import mapping_at, said, text_at
-from dynmap_cli.files.csv_tables import rows_of, whole_in
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
 from dynmap_cli.files.zip_archive import ZipArchive
 from dynmap_cli.printable import printable
