@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log, write_scan_log
+from dynmap_cli.files.space import check_space
 from dynmap_cli.stage import Stage, StageContext
 
 
@@ -17,7 +18,11 @@ def run(context: StageContext) -> dict[str, Any]:
     summary = report.summary()
     if context.earlier_scans is not None:
         earlier = read_scan_log(context.earlier_scans)
-        log = add_drives(earlier, log)
+        n_scans = earlier.n_scans + log.n_scans
+        # Once while they are joined, and once as columns.
+        needed = 2 * 4 * n_scans * max(earlier.n_beams, log.n_beams)
+        check_space("ingest", f"{n_scans} scans, with those of before,", needed, context.out_dir)
+        log = add_drives(earlier, log, context.out_dir)
         summary["lines"].append(
             f"added to {earlier.n_scans} scans of {', '.join(earlier.recordings)}, which were not read again"
         )
