@@ -137,11 +137,11 @@ class ScanLog:
         )
 
     def select(self, scans: I64 | B1 | slice) -> ScanLog:
-        """Keep some of the sweeps, in their order."""
+        """Keep some of the sweeps, in their order; those of a slice stay where they are, others are in memory."""
         return replace(
             self,
             stamps_ns=self.stamps_ns[scans],
-            ranges_m=self.ranges_m[scans],
+            ranges_m=self.ranges_m[scans] if isinstance(scans, slice) else copied_rows(self.ranges_m, scans),
             odometry=self.odometry[scans],
             geometry_index=self.geometry_index[scans],
             recording_index=self.recording_index[scans],
