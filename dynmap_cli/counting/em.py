@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
@@ -121,9 +122,17 @@ def filter_beams(
     reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
     weights = _e_step(reflectance, params)
     beams = np.empty(log.ranges_m.shape, dtype=np.float32) if out is None else out
-    for part, cells in end_cells_in_chunks(log, poses, frame, params.usable_range_m, twists=twists):
-        look_up(cells, weights.ravel(), beams[part])
-        give_back(beams)
+
+    def fill(scans: slice) -> None:
+        for part, cells in end_cells_in_chunks(
+            log, poses, frame, params.usable_range_m, twists=twists, scans=scans
+        ):
+            look_up(cells, weights.ravel(), beams[part])
+            give_back(beams)
+
+    starts = range(0, log.n_scans, SCANS_PER_CHUNK)
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        list(pool.map(fill, (slice(first, min(first + SCANS_PER_CHUNK, log.n_scans)) for first in starts)))
     counted = count_with(raw, weights.astype(np.float64))
     unknown = np.zeros(beams.shape, dtype=bool)
     return FilteredMap(counted, beams, expected_log_likelihood(counted), unknown)

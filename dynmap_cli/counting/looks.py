@@ -7,9 +7,12 @@ saw beams cross the place and end well behind it.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,8 @@ from dynmap_cli.counting.evidence import Evidence, EvidenceParams, SurfaceCells,
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.progress import Tick, no_tick
+
+_LOOKS_AHEAD = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,19 +119,44 @@ def judged_looks(
     surface: SurfaceCells,
     params: EvidenceParams,
     on_look: Tick = no_tick,
+    *,
+    threads: int = 1,
 ) -> Iterator[Look]:
-    """Judge the surface cells in one look after the other."""
-    evidence = Evidence(surface, params)
-    for window in windows:
+    """Judge the surface cells in one look after the other; threads work on the next ones meanwhile."""
+    spare: SimpleQueue[Evidence] = SimpleQueue()
+    for _ in range(threads):
+        spare.put(Evidence(surface, params))
+
+    def judge(window: slice) -> Look:
+        evidence = spare.get()
         evidence.add(log.select(window), poses[window])
         seen, states = evidence.judge()
-        yield Look(window, seen, states, evidence.hits[seen], evidence.crossed[seen])
+        look = Look(window, seen, states, evidence.hits[seen], evidence.crossed[seen])
         evidence.clear()
-        on_look()
+        spare.put(evidence)
+        return look
+
+    waiting: deque[Future[Look]] = deque()
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        for window in windows:
+            waiting.append(pool.submit(judge, window))
+            if len(waiting) > _LOOKS_AHEAD * threads:
+                yield waiting.popleft().result()
+                on_look()
+        while waiting:
+            yield waiting.popleft().result()
+            on_look()
 
 
 def count_watches(
-    log: ScanLog, poses: F64, frame: GridFrame, look_s: float, watch_s: float, params: EvidenceParams
+    log: ScanLog,
+    poses: F64,
+    frame: GridFrame,
+    look_s: float,
+    watch_s: float,
+    params: EvidenceParams,
+    *,
+    threads: int = 1,
 ) -> Watched:
     """Count looks and beams over everything, and looks in each watch of *watch_s*; watches overlap by half.
 
@@ -139,6 +169,7 @@ def count_watches(
     look_s, watch_s : float
         Without watches if watch_s is 0.
     params : EvidenceParams
+    threads : int
     """
     windows = time_windows(log, look_s)
     surface = surface_cells(log, poses, frame, windows, params)
@@ -148,7 +179,8 @@ def count_watches(
     most = int(np.bincount(half_of).max(initial=0))
     counts = np.zeros((len(halves), 2, surface.cells.shape[0]), dtype=np.min_scalar_type(most))
     hits, crossed = (np.zeros(surface.cells.shape[0]) for _ in range(2))
-    for half, look in zip(half_of, judged_looks(log, poses, windows, surface, params), strict=True):
+    looks = judged_looks(log, poses, windows, surface, params, threads=threads)
+    for half, look in zip(half_of, looks, strict=True):
         counts[half, 0, look.seen] += look.states == OCCUPIED
         counts[half, 1, look.seen] += look.states == FREE
         hits[look.seen] += look.hits

@@ -65,6 +65,7 @@ def filter_by_looks(
     *,
     usable_range_m: float,
     twists: F64 | None = None,
+    threads: int = 1,
     out: tuple[F32, B1] | None = None,
 ) -> FilteredMap:
     """Lower e where the end cell was seen free in several looks and occupied in few.
@@ -90,12 +91,13 @@ def filter_by_looks(
     usable_range_m : float
     twists : (n_scans, 3) float64, optional
         As given to the filter.
+    threads : int
     out : (n_scans, n_beams) float32 and bool, optional
         Where e and what is unknown are to be written; e may take the place of the one that is given.
     """
     frame = filtered.counting_map.frame
     evidence = EvidenceParams(max_range_m=usable_range_m, silent_pass=False)
-    watched = count_watches(log, poses, frame, params.look_s, params.watch_s, evidence)
+    watched = count_watches(log, poses, frame, params.look_s, params.watch_s, evidence, threads=threads)
     by_beams = filtered.static_probability
     judged, is_unknown = out or (np.empty_like(by_beams), np.zeros(by_beams.shape, dtype=bool))
     sums, grids = np.zeros(frame.shape), _grids_of_places(watched, params)

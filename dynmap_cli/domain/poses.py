@@ -11,6 +11,9 @@ import numpy as np
 
 from dynmap_cli.arrays import F64, I64
 
+_ROWS_AT_ONCE = 1 << 16
+"""What is computed on the way takes many times the memory of the poses."""
+
 
 def wrap_angle(angle_rad: F64) -> F64:
     """Bring angles into [-pi, pi)."""
@@ -46,8 +49,15 @@ def inverse(a_from_b: F64) -> F64:
 
 
 def between(w_from_a: F64, w_from_b: F64) -> F64:
-    """Pose of b seen from a."""
-    return compose(inverse(w_from_a), w_from_b)
+    """Pose of b seen from a; shapes (..., 3) broadcast."""
+    a, b = np.asarray(w_from_a, dtype=np.float64), np.asarray(w_from_b, dtype=np.float64)
+    if a.shape != b.shape or a.ndim != 2:
+        return compose(inverse(a), b)
+    result = np.empty(a.shape)
+    for first in range(0, a.shape[0], _ROWS_AT_ONCE):
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        result[rows] = compose(inverse(a[rows]), b[rows])
+    return result
 
 
 def transform_points(a_from_b: F64, points_b: F64) -> F64:

@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.poses import transform_points
+
+_ROWS_AT_ONCE = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +137,11 @@ class ScanLog:
         )
 
     def select(self, scans: I64 | B1 | slice) -> ScanLog:
-        """Keep some of the sweeps, in their order."""
+        """Keep some of the sweeps, in their order; those of a slice stay where they are, others are in memory."""
         return replace(
             self,
             stamps_ns=self.stamps_ns[scans],
-            ranges_m=self.ranges_m[scans],
+            ranges_m=self.ranges_m[scans] if isinstance(scans, slice) else copied_rows(self.ranges_m, scans),
             odometry=self.odometry[scans],
             geometry_index=self.geometry_index[scans],
             recording_index=self.recording_index[scans],
@@ -173,8 +176,15 @@ def single_laser_log(
     )
 
 
-def join_drives(drives: Sequence[ScanLog]) -> ScanLog:
-    """Put the sweeps of several drives into one log, in time order; each keeps its own geometries."""
+def join_drives(drives: Sequence[ScanLog], table_m: F32 | None = None) -> ScanLog:
+    """Put the sweeps of several drives into one log, in time order; each keeps its own geometries.
+
+    Parameters
+    ----------
+    drives : sequence of ScanLog
+    table_m : (n_scans, n_beams) float32, optional
+        Where the ranges of all are put, which may be mapped from a file.
+    """
     if len(drives) == 1:
         return drives[0]
     n_beams = max(log.n_beams for log in drives)
@@ -186,7 +196,9 @@ def join_drives(drives: Sequence[ScanLog]) -> ScanLog:
     geometries = [log.sensor_poses.shape[0] for log in drives]
     return ScanLog(
         stamps_ns=stamps[order],
-        ranges_m=np.concatenate([_widened(log.ranges_m, n_beams) for log in drives])[order],
+        ranges_m=_joined_ranges(
+            drives, order, np.empty((order.size, n_beams), np.float32) if table_m is None else table_m
+        ),
         odometry=np.concatenate([log.odometry for log in drives])[order],
         geometry_index=np.concatenate(_after_one_another([log.geometry_index for log in drives], geometries))[
             order
@@ -206,6 +218,21 @@ def join_drives(drives: Sequence[ScanLog]) -> ScanLog:
             _after_one_another([log.drive_of_recording for log in drives], [log.n_drives for log in drives])
         ),
     )
+
+
+def _joined_ranges(drives: Sequence[ScanLog], order: I64, table_m: F32) -> F32:
+    """The table, filled with the ranges of drives one after another, brought into an order (n,)."""
+    place = np.empty(order.size, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    before = 0
+    for log in drives:
+        for first in range(0, log.n_scans, _ROWS_AT_ONCE):
+            part = copied_rows(log.ranges_m, slice(first, first + _ROWS_AT_ONCE))
+            start = before + first
+            table_m[place[start : start + part.shape[0]]] = _widened(part, table_m.shape[1])
+            give_back(table_m)
+        before += log.n_scans
+    return table_m
 
 
 def _after_one_another(numbers: Sequence[I32], sizes: Sequence[int]) -> list[I32]:

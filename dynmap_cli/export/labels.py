@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.domain.mapped import copied_rows
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.scans import ScanLog, end_points
 
@@ -22,10 +23,20 @@ class BeamLabels:
     """Static probability of each beam, and which beams are removed; rows are found by stamp and ranges.
 
     Two lasers may stamp alike, and a recording may hold a sweep twice, so the ranges decide.
+
+    Parameters
+    ----------
+    log : ScanLog
+    static_probability : (n_scans, n_beams) float32
+    is_unknown, is_kept : (n_scans, n_beams) bool, optional
+        Beams that were seen too little to tell, and beams that are kept however small e is; none without them.
     """
 
-    def __init__(self, log: ScanLog, static_probability: F32, is_removed: B1) -> None:
-        self._log, self._static_probability, self._is_removed = log, static_probability, is_removed
+    def __init__(
+        self, log: ScanLog, static_probability: F32, is_unknown: B1 | None = None, is_kept: B1 | None = None
+    ) -> None:
+        self._log, self._static_probability = log, static_probability
+        self._is_unknown, self._is_kept = is_unknown, is_kept
         self._n_beams = np.isfinite(log.bearings_rad).sum(axis=1)
         self._rows: dict[int, list[int]] = {}
         for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
@@ -50,7 +61,7 @@ class BeamLabels:
         for row in self._rows.get(stamp_ns, ()):
             if self._n_beams[self._log.geometry_index[row]] != ranges_m.size:
                 continue
-            kept = np.asarray(self._log.ranges_m[row, : ranges_m.size])
+            kept = copied_rows(self._log.ranges_m, row)[: ranges_m.size]
             if np.array_equal(kept[np.isfinite(kept)], ranges_m[np.isfinite(kept)]):
                 self.was_found[row] = True
                 return row
@@ -58,11 +69,17 @@ class BeamLabels:
 
     def removed(self, row: int, n_beams: int) -> B1:
         """(n_beams,) whether each beam of a sweep is removed."""
-        return np.asarray(self._is_removed[row, :n_beams])
+        is_removed = copied_rows(self._static_probability, row)[:n_beams] < DYNAMIC_BELOW
+        return (
+            is_removed if self._is_kept is None else is_removed & ~copied_rows(self._is_kept, row)[:n_beams]
+        )
 
     def static_probability(self, row: int, n_beams: int) -> F32:
         """(n_beams,) e of each beam of a sweep, 1/2 = unknown, NaN where it has no end point."""
-        return np.asarray(self._static_probability[row, :n_beams])
+        e: F32 = copied_rows(self._static_probability, row)[:n_beams]
+        if self._is_unknown is not None:
+            e[copied_rows(self._is_unknown, row)[:n_beams]] = UNKNOWN
+        return e
 
 
 def hits_known_state(log: ScanLog, poses: F64, chosen: B1, patch_sets: Sequence[PatchSet]) -> B1:

@@ -8,17 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynmap_cli.arrays import B1, F32
+from dynmap_cli.domain.mapped import copied_rows, give_back
+from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.export.labels import DYNAMIC_BELOW, LABEL_SUFFIX, UNKNOWN, BeamLabels, hits_known_state
+from dynmap_cli.export.labels import DYNAMIC_BELOW, LABEL_SUFFIX, BeamLabels, hits_known_state
 from dynmap_cli.files.counting_map import read_beams, read_unknown
 from dynmap_cli.files.manifest import read_manifest
 from dynmap_cli.files.patch_archive import read_patches
 from dynmap_cli.files.scan_log import read_scan_log
+from dynmap_cli.files.space import nearest_folder
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.ingest.settings import IngestSettings
 
 if TYPE_CHECKING:
     from dynmap_cli.export.cleaning import Cleaned
+
+_SCANS_AT_ONCE = 1024
 
 
 def check_output(out_path: Path, recordings: Sequence[Path], *, force: bool) -> None:
@@ -61,19 +68,18 @@ def clean_to_file(
     from dynmap_cli.export.text_logs import TextChoices
 
     log = read_scan_log(run_dir / "scans")
-    static_probability = read_beams(run_dir / "map" / "beams.npz", log.ranges_m.shape)
-    is_removed = np.asarray(static_probability < DYNAMIC_BELOW)
-    kept = 0
+    shape, beams = (log.n_scans, log.n_beams), run_dir / "map" / "beams.npz"
+    folder = nearest_folder(out_path)
+    static_probability = read_beams(beams, shape, folder)
+    kept, is_kept = 0, None
     if keep_changing:
-        poses = read_tum(run_dir / "map" / "trajectory.tum").poses
-        on_state = hits_known_state(log, poses, is_removed, read_patches(run_dir / "patches" / "patches.zip"))
-        kept, is_removed = int(on_state.sum()), is_removed & ~on_state
+        is_kept = new_table(*shape, folder, np.bool_)
+        kept = _keep_known_states(run_dir, log, static_probability, is_kept)
     ingested = read_manifest(run_dir / "scans", "ingest")
     text = TextChoices(
         str(ingested.summary.get("odometry", "")) if ingested else "", float(log.range_limits_m[:, 1].max())
     )
-    is_unknown = read_unknown(run_dir / "map" / "beams.npz", log.ranges_m.shape)
-    labels = BeamLabels(log, np.where(is_unknown, UNKNOWN, static_probability), is_removed)
+    labels = BeamLabels(log, static_probability, read_unknown(beams, shape, folder), is_kept)
     done = write_clean(recordings, out_path, labels, text=text, is_label=is_label, settings=settings)
     return {
         "scans": dict(done.scans),
@@ -86,6 +92,22 @@ def clean_to_file(
         "output": str(out_path),
         "lines": _lines(done, kept, out_path, is_label=is_label),
     }
+
+
+def _keep_known_states(run_dir: Path, log: ScanLog, static_probability: F32, out: B1) -> int:
+    """Write which removed beams end on a known state of a sub-map, and count them."""
+    poses = read_tum(run_dir / "map" / "trajectory.tum").poses
+    patch_sets = read_patches(run_dir / "patches" / "patches.zip")
+    kept = 0
+    for first in range(0, log.n_scans, _SCANS_AT_ONCE):
+        rows = slice(first, first + _SCANS_AT_ONCE)
+        is_removed = copied_rows(static_probability, rows) < DYNAMIC_BELOW
+        on_state = hits_known_state(log.select(rows), poses[rows], is_removed, patch_sets)
+        out[rows] = on_state
+        kept += int(on_state.sum())
+        for table in (out, log.ranges_m):
+            give_back(table)
+    return kept
 
 
 def _lines(done: Cleaned, kept: int, out_path: Path, *, is_label: bool) -> list[str]:

@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, I64
 from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, CountingMap, GridFrame
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.npy import Column, npz_rows, read_npz, write_npz
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.files.zip_archive import ZipArchive
 
 _GRIDS = {
@@ -122,32 +125,38 @@ def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown:
 def beams_in_parts(path: Path, shape: tuple[int, int]) -> Iterator[tuple[slice, F32]]:
     """Read e of each beam as `read_beams`, some scans at a time, with their rows."""
     with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
-        first = 0
-        for part in npz_rows(path, "static_probability", Column("<f4", shape), 4 * math.prod(shape)):
+        for rows, part in _parts(path, "static_probability", Column("<f4", shape)):
             _check_probabilities(part)
-            yield slice(first, first + part.shape[0]), part
-            first += part.shape[0]
+            yield rows, part
 
 
-def read_beams(path: Path, shape: tuple[int, int]) -> F32:
+def read_beams(path: Path, shape: tuple[int, int], folder: Path | None = None) -> F32:
     """Read e of each beam; *shape* is (n_scans, n_beams) of the scans it is of.
+
+    A large table is put on the disk of *folder*, or where temporary files are.
 
     Raises
     ------
     ArtifactError
         If the file is missing, damaged or of other scans.
     """
-    with refusing_damage(f"{path}: not a readable table of beams", _REMEDY, ArtifactError):
-        column = Column("<f4", shape)
-        found: F32 = read_npz(path, {"static_probability": column}, max_bytes=4 * math.prod(shape))[
-            "static_probability"
-        ]
-        _check_probabilities(found)
-        return found
+    return _filled(beams_in_parts(path, shape), shape, folder, np.float32)
 
 
-def read_unknown(path: Path, shape: tuple[int, int]) -> B1:
-    """Read which beams hit what was seen too little to tell; none in files that do not say.
+def _filled(
+    parts: Iterator[tuple[slice, Any]], shape: tuple[int, int], folder: Path | None, dtype: Any
+) -> NDArray[Any]:
+    """A table of all parts; it is made once the first one was read, for before that the file may be of anything."""
+    table: NDArray[Any] | None = None
+    for rows, part in parts:
+        table = new_table(*shape, folder, dtype) if table is None else table
+        table[rows] = part
+        give_back(table)
+    return np.zeros(shape, dtype=dtype) if table is None else table
+
+
+def read_unknown(path: Path, shape: tuple[int, int], folder: Path | None = None) -> B1:
+    """Read which beams hit what was seen too little to tell, as `read_beams`; none in files that do not say.
 
     Raises
     ------
@@ -158,5 +167,13 @@ def read_unknown(path: Path, shape: tuple[int, int]) -> B1:
         with closing(ZipArchive(path)) as archive:
             if "is_unknown.npy" not in archive:
                 return np.zeros(shape, dtype=bool)
-        arrays = read_npz(path, {"is_unknown": Column("|u1", shape)}, max_bytes=math.prod(shape))
-        return np.asarray(arrays["is_unknown"] > 0)
+        return _filled(_parts(path, "is_unknown", Column("|u1", shape)), shape, folder, np.bool_)
+
+
+def _parts(path: Path, name: str, column: Column) -> Iterator[tuple[slice, Any]]:
+    """Rows of some scans at a time, and what an array has for them."""
+    first = 0
+    most_bytes = np.dtype(column.dtype).itemsize * math.prod(length or 0 for length in column.shape)
+    for part in npz_rows(path, name, column, most_bytes):
+        yield slice(first, first + part.shape[0]), part
+        first += part.shape[0]

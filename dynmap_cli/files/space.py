@@ -31,8 +31,7 @@ def check_space(name: str, what: str, n_bytes: int, folder: Path) -> None:
     ArtifactError
         If the disk is too full.
     """
-    there = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
-    free = shutil.disk_usage(there).free
+    free = shutil.disk_usage(nearest_folder(folder)).free
     if n_bytes > free:
         msg = (
             f"{name}: {_gigabytes(n_bytes)} are needed on the disk of {folder.parent} for {what}, "
@@ -47,6 +46,11 @@ def check_space(name: str, what: str, n_bytes: int, folder: Path) -> None:
             _gigabytes(n_bytes),
             _gigabytes(free),
         )
+
+
+def nearest_folder(path: Path) -> Path:
+    """The path itself where it is a folder, or the nearest one above it that is there."""
+    return next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())
 
 
 def _gigabytes(n_bytes: int) -> str:

@@ -139,7 +139,15 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     joined.n_read += recording.n_read
 
 
-def add_drives(earlier: ScanLog, later: ScanLog) -> ScanLog:
+def joined_logs(logs: Sequence[ScanLog], folder: Path | None) -> ScanLog:
+    """The sweeps of several drives as one log, whose ranges are put on the disk of *folder* where they are many."""
+    if len(logs) == 1:
+        return logs[0]
+    table = new_table(sum(log.n_scans for log in logs), max(log.n_beams for log in logs), folder)
+    return join_drives(logs, table)
+
+
+def add_drives(earlier: ScanLog, later: ScanLog, folder: Path | None = None) -> ScanLog:
     """Put the drives of a log that is there and of one that was read now into one.
 
     Stamps without a date that overlap are moved: the later one comes after what is there.
@@ -165,7 +173,7 @@ def add_drives(earlier: ScanLog, later: ScanLog) -> ScanLog:
             raise _at_the_same_time(
                 ", ".join(earlier.recordings_of(number)), ", ".join(later.recordings), overlap_s
             )
-    return join_drives([earlier, later])
+    return joined_logs([earlier, later], folder)
 
 
 def _at_the_same_time(earlier: str, later: str, overlap_s: float) -> LogError:

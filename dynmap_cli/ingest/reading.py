@@ -13,7 +13,7 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import compose
-from dynmap_cli.domain.scans import ScanLog, join_drives
+from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.carmen import read_carmen
@@ -39,6 +39,7 @@ from dynmap_cli.ingest.merging import (
     find_drives,
     find_restart,
     join_recordings,
+    joined_logs,
 )
 from dynmap_cli.ingest.odometry import (
     Odometry,
@@ -106,7 +107,7 @@ def merge_recordings(
             merged.append((log, report))
         else:
             waiting[:0] = drive.split(*restart)
-    return join_drives([log for log, _ in merged]), join_reports([report for _, report in merged])
+    return joined_logs([log for log, _ in merged], folder), join_reports([report for _, report in merged])
 
 
 def _merge_drive(

@@ -6,6 +6,7 @@ from typing import Any
 
 from dynmap_cli.files.manifest import read_manifest
 from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log, write_scan_log
+from dynmap_cli.files.space import check_space
 from dynmap_cli.stage import Stage, StageContext
 
 
@@ -18,7 +19,11 @@ def run(context: StageContext) -> dict[str, Any]:
     summary = report.summary()
     if context.earlier_scans is not None:
         earlier = read_scan_log(context.earlier_scans)
-        log = add_drives(earlier, log)
+        n_scans = earlier.n_scans + log.n_scans
+        # Once while they are joined, and once as columns.
+        needed = 2 * 4 * n_scans * max(earlier.n_beams, log.n_beams)
+        check_space("ingest", f"{n_scans} scans, with those of before,", needed, context.out_dir)
+        log = add_drives(earlier, log, context.out_dir)
         said = read_manifest(context.earlier_scans, STAGE.name)
         summary["earlier_lines"] = (
             said.summary.get("earlier_lines", []) + said.summary["lines"] if said else []

@@ -32,6 +32,7 @@ _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
 _PLACED_WINDOW_M = 2.0
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
 _DENSE_STEPS = 6
+_POSES_AT_ONCE = 1 << 16
 _DENSE_MIN_SEEN, _DENSE_MIN_MATCHED, _DENSE_MAX_RESIDUAL_M = 0.3, 0.6, 0.05
 
 
@@ -226,12 +227,20 @@ def _spread(nodes: I64, node_poses: F64, poses: F64, drives: I32) -> F64:
 
 
 def _spread_one(nodes: I64, node_poses: F64, poses: F64) -> F64:
-    """`_spread` of one drive."""
-    rows = np.arange(poses.shape[0])
+    """`_spread` of one drive; some poses at a time, as a long recording has millions."""
+    result = np.empty(poses.shape)
+    for first in range(0, poses.shape[0], _POSES_AT_ONCE):
+        rows = np.arange(first, min(first + _POSES_AT_ONCE, poses.shape[0]))
+        result[rows] = _spread_to(rows, nodes, node_poses, poses)
+    return result
+
+
+def _spread_to(rows: I64, nodes: I64, node_poses: F64, poses: F64) -> F64:
+    """`_spread` of one drive to some of its poses."""
     before = np.clip(np.searchsorted(nodes, rows, side="right") - 1, 0, nodes.size - 1)
     after = np.minimum(before + 1, nodes.size - 1)
-    from_before = compose(node_poses[before], between(poses[nodes[before]], poses))
-    from_after = compose(node_poses[after], between(poses[nodes[after]], poses))
+    from_before = compose(node_poses[before], between(poses[nodes[before]], poses[rows]))
+    from_after = compose(node_poses[after], between(poses[nodes[after]], poses[rows]))
     span = np.maximum(nodes[after] - nodes[before], 1)
     share = np.clip((rows - nodes[before]) / span, 0.0, 1.0)[:, None]
     share[before == after] = 0.0

@@ -75,7 +75,6 @@ def _judged(
     """Rows of each window, and e of their beams, filtered in the frame of its first scan."""
     for rows in windows:
         part = log.select(rows)
-        give_back(log.ranges_m)
         poses = between(part.odometry[0], part.odometry)
         if np.ptp(poses[:, :2], axis=0).max() > _FARTHEST_M:
             continue

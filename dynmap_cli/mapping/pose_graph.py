@@ -5,6 +5,7 @@ The kernels are tightened step by step (graduated non-convexity, Geman-McClure).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ CHAIN, LOOP, DENSE, PLACED = 0, 1, 2, 3
 _ANCHOR_WEIGHT = 1e10
 _CLOSE_NODES = 20
 _CG_STEPS, _CG_SHARE = 50, 0.01
+_EDGES_AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,21 @@ class Edges:
         """Number of edges."""
         return int(self.first.size)
 
+    def parts(self) -> Iterator[tuple[slice, Edges]]:
+        """Some edges at a time, with their rows: what is computed of each takes more memory than the edge."""
+        for start in range(0, len(self), _EDGES_AT_ONCE):
+            rows = slice(start, min(start + _EDGES_AT_ONCE, len(self)))
+            yield (
+                rows,
+                Edges(
+                    self.first[rows],
+                    self.second[rows],
+                    self.measured[rows],
+                    self.information[rows],
+                    self.kind[rows],
+                ),
+            )
+
 
 def no_edges() -> Edges:
     """An empty set of edges."""
@@ -75,8 +92,11 @@ def residuals(poses: F64, edges: Edges) -> F64:
 
 def squared_distances(poses: F64, edges: Edges) -> F64:
     """(m,) squared Mahalanobis length of the residuals."""
-    error = residuals(poses, edges)
-    return np.asarray((error[:, None, :] @ edges.information @ error[:, :, None])[:, 0, 0])
+    squared = np.empty(len(edges))
+    for rows, part in edges.parts():
+        error = residuals(poses, part)
+        squared[rows] = (error[:, None, :] @ part.information @ error[:, :, None])[:, 0, 0]
+    return squared
 
 
 def optimise(
@@ -166,26 +186,27 @@ class _NormalEquations:
 
     def step(self, poses: F64, weights: F64) -> F64:
         """Solve once; (n, 3) Gauss-Newton step."""
-        edges, n_nodes = self._edges, self._n_nodes
+        n_nodes = self._n_nodes
         right = np.zeros((n_nodes, 3))
         diagonal = np.zeros((n_nodes, 3, 3))
         diagonal[:, [0, 1, 2], [0, 1, 2]] = LEAST_PIVOT
         diagonal[0, [0, 1, 2], [0, 1, 2]] = _ANCHOR_WEIGHT
         core_diagonal, pairs = diagonal.copy(), np.zeros((self._smaller.size, 3, 3))
-        add_edges(
-            edges.first,
-            edges.second,
-            *jacobians(poses, edges),
-            edges.information,
-            weights,
-            residuals(poses, edges),
-            self._pair_of,
-            self._is_core_edge,
-            right,
-            diagonal,
-            core_diagonal,
-            pairs,
-        )
+        for rows, part in self._edges.parts():
+            add_edges(
+                part.first,
+                part.second,
+                *jacobians(poses, part),
+                part.information,
+                weights[rows],
+                residuals(poses, part),
+                self._pair_of[rows],
+                self._is_core_edge[rows],
+                right,
+                diagonal,
+                core_diagonal,
+                pairs,
+            )
         self._factor.factorise(core_diagonal, pairs[self._core])
         return self._conjugate_gradients(right, diagonal, pairs)
 

@@ -132,7 +132,7 @@ def build_filter_map(
         if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
             return FilterMap(
                 Trajectory(log.stamps_ns, poses),
-                _with_looks(filtered, site.log, poses, twists, settings, folder),
+                _with_looks(filtered, site.log, poses, twists, settings, threads, folder),
                 tuple(rounds),
                 unfiltered,
                 site.graph,
@@ -148,6 +148,7 @@ def _with_looks(
     poses: F64,
     twists: F64 | None,
     settings: MapSettings,
+    threads: int,
     folder: Path | None,
 ) -> FilteredMap:
     """The result with those taken out that stood longer, where looks are asked for."""
@@ -160,6 +161,7 @@ def _with_looks(
         LookParams(look_s=settings.look_s, look_prior=settings.look_prior),
         usable_range_m=settings.usable_range_m,
         twists=twists,
+        threads=threads,
         out=(filtered.static_probability, new_table(log.n_scans, log.n_beams, folder, np.bool_)),
     )
 

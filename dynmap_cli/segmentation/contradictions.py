@@ -108,6 +108,8 @@ def find_contradictions(
     window_s: float,
     params: EvidenceParams,
     on_window: Tick = no_tick,
+    *,
+    threads: int = 1,
 ) -> Contradictions:
     """Judge each cell in each time window, and count.
 
@@ -122,11 +124,12 @@ def find_contradictions(
     window_s : float
     params : EvidenceParams
     on_window : Tick
+    threads : int
     """
     windows = time_windows(log, window_s)
     surface = surface_cells(log, poses, frame, windows, params)
     record = WindowRecord(surface.cells.shape[0])
-    for look in judged_looks(log, poses, windows, surface, params, on_window):
+    for look in judged_looks(log, poses, windows, surface, params, on_window, threads=threads):
         record.add(look.seen, look.states)
     large = large_changes(surface, record, _stands(record))
     return Contradictions(surface, record, large, windows_of(log, poses, windows, window_s))

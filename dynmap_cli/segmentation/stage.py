@@ -42,6 +42,8 @@ def find_submaps(
     frame: GridFrame,
     settings: SegmentationSettings,
     on_window: Tick = no_tick,
+    *,
+    threads: int = 1,
 ) -> tuple[tuple[SubMap, ...], Contradictions]:
     """Find the areas that change (paper, 1.3.1): contradictions, growing, merging.
 
@@ -53,9 +55,10 @@ def find_submaps(
     frame : GridFrame
     settings : SegmentationSettings
     on_window : Tick
+    threads : int
     """
     evidence = evidence_params(settings)
-    found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window)
+    found = find_contradictions(log, poses, frame, settings.window_s, evidence, on_window, threads=threads)
     params = region_params(settings, frame.resolution_m)
     components = changed_as_one(found, grow_components(found.contested, params), params.min_cells)
     recurring = found.recurring(components)
@@ -111,7 +114,7 @@ def run(context: StageContext) -> dict[str, Any]:
     frame = read_map_frame(context.run_dir / "map" / "reflectance.npz")
     windows = len(time_windows(log, settings.window_s))
     with progress("segment", windows, "windows") as tick:
-        submaps, found = find_submaps(log, trajectory.poses, frame, settings, tick)
+        submaps, found = find_submaps(log, trajectory.poses, frame, settings, tick, threads=context.threads)
     corrections = read_edits(context.run_dir)
     taken = [one.submap_id for one in corrections if isinstance(one, Addition)]
     submaps = keep_numbers(submaps, read_known_submaps(context.run_dir), taken)

@@ -50,6 +50,14 @@ def test_sweeps_are_in_time_order_also_where_drives_overlap_a_little():
     assert joined.drive_index[np.argsort(joined.arrival_index)].tolist() == [0, 0, 0, 0, 1, 1, 1]
 
 
+def test_ranges_are_put_where_they_are_wanted():
+    drives = [drive(0, 4, 7, "a"), drive(2.5, 3, 5, "b")]
+    table = np.zeros((7, 7), dtype=np.float32)
+    joined = join_drives(drives, table)
+    assert joined.ranges_m is table
+    np.testing.assert_array_equal(table, join_drives(drives).ranges_m)
+
+
 @pytest.mark.parametrize("numbers", [[1, 1], [0, 2], [1, 0]])
 def test_drives_that_are_not_numbered_in_order_are_refused(numbers, tmp_path):
     write_scan_log(tmp_path, join_drives([drive(0, 4, 7, "a"), drive(10, 3, 5, "b")]))

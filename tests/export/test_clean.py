@@ -82,7 +82,7 @@ def labels_for(log, share=0.3):
     rng = np.random.default_rng(5)
     probability = rng.random(log.ranges_m.shape).astype(np.float32)
     probability[~np.isfinite(log.ranges_m)] = np.nan
-    return BeamLabels(log, probability, probability < share), probability
+    return BeamLabels(log, probability, is_kept=~(probability < share)), probability
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -360,7 +360,7 @@ def test_scans_of_foxglove_are_refused_with_the_reason(tmp_path):
         write_clean(
             [path],
             tmp_path / "out.mcap",
-            BeamLabels(log, share, share < 0.5),
+            BeamLabels(log, share),
             text=text,
             is_label=False,
             settings=IngestSettings(),
@@ -372,7 +372,7 @@ def test_strict_refuses_to_clean_what_is_damaged(tmp_path):
     log, _ = read_recordings([path], IngestSettings())
     path.write_bytes(path.read_bytes()[:-100])
     share = np.ones(log.ranges_m.shape, dtype=np.float32)
-    labels = BeamLabels(log, share, share < 0.5)
+    labels = BeamLabels(log, share)
     with pytest.raises(LogError, match=r"cut off or damaged .* --strict"):
         write_clean(
             [path],

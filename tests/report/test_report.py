@@ -24,7 +24,7 @@ from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.report.curves import _legend
 from dynmap_cli.report.pictures import MapPicture
-from dynmap_cli.report.stage import run
+from dynmap_cli.report.stage import _removed_ends, run
 from dynmap_cli.stage import StageContext
 
 N_SCANS, BEARINGS = 20, np.linspace(-1.0, 1.0, 11)
@@ -143,6 +143,19 @@ def test_end_points_are_where_the_beams_ended():
     cos, sin = np.cos(0.5), np.sin(0.5)
     expected = [1.0 + cos * in_robot[0] - sin * in_robot[1], 2.0 + sin * in_robot[0] + cos * in_robot[1]]
     np.testing.assert_allclose(end_points(log, poses, chosen), [expected], atol=1e-6)
+
+
+def test_one_removed_beam_of_each_cell_is_drawn_and_all_are_counted(tmp_path):
+    log, frame = small_log(), GridFrame(0.05, -1.0, -3.0, 120, 80)
+    labels = np.ones(log.ranges_m.shape, dtype=np.float32)
+    labels[:, 3], labels[4, 7] = 0.1, 0.2
+    write_beams(tmp_path / "beams.npz", log.stamps_ns, labels, np.zeros(labels.shape, bool))
+    poses = np.zeros((N_SCANS, 3))
+    shown, count = _removed_ends(tmp_path / "beams.npz", log, poses, frame)
+    every = end_points(log, poses, labels < 0.5)
+    assert count == every.shape[0] == N_SCANS + 1
+    cells = {tuple(cell) for cell in frame.to_cells(every).tolist()}
+    assert sorted(cells) == sorted(tuple(cell) for cell in frame.to_cells(shown).tolist())
 
 
 def test_a_map_of_any_size_fits_on_a_page():
