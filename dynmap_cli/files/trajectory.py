@@ -31,6 +31,9 @@ def parse_stamp(text: str) -> int:
         If the text is no number, or the stamp does not fit into 64 bits.
     """
     whole, _, decimals = text.partition(".")
+    if not text.isascii() or "_" in text:
+        msg = f"{text[:30]!r} is no time in seconds"
+        raise ValueError(msg)
     if whole.isdecimal() and decimals.isdecimal():
         value = int(whole) * 10**9 + int((decimals + "000000000")[:9])
     else:
@@ -83,6 +86,8 @@ def read_tum(path: Path) -> Trajectory:
         if not words or words[0].startswith("#"):
             continue
         try:
+            if "_" in line or not line.isascii():
+                raise _not_a_pose(path, number, line)
             stamps.append(parse_stamp(words[0]))
             values.extend(map(float, words[1:]))
         except ValueError:
