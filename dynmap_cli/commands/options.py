@@ -200,13 +200,18 @@ def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -
 
 def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: bool) -> None:
     """Write what the stages of a run found, and where its files are."""
+    from dynmap_cli.outdated import outdated_results
+
     lines = [
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
     ]
     lines += [f"map      {run_dir / 'map/map.yaml'}", f"patches  {run_dir / 'patches/patches.zip'}"]
     lines += [f"report   {run_dir / 'report.html'}", f"figures  {run_dir / 'figures'}/"]
+    outdated = outdated_results(run_dir)
     summary = {result.stage: {**result.manifest.summary, "ran": result.ran} for result in results}
-    print_summary({"run": str(run_dir), "stages": summary}, lines, as_json=as_json)
+    print_summary(
+        {"run": str(run_dir), "stages": summary, "outdated": outdated}, [*lines, *outdated], as_json=as_json
+    )
 
 
 def echo(text: str) -> None:
