@@ -4,8 +4,9 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 DEMO   ?= demo
 FUZZ_MINUTES ?= 10
+DAMAGE_PLACES ?= 200
 
-.PHONY: setup dev demo test test-nojit lint format types bench fuzz samples clean
+.PHONY: setup dev demo test test-nojit lint format types bench fuzz damage samples clean
 .DEFAULT_GOAL := demo
 
 $(VENV)/.installed: pyproject.toml
@@ -48,7 +49,9 @@ bench: dev
 
 fuzz: dev
 	$(BIN)/python -m tests.fuzz.run --minutes $(FUZZ_MINUTES)
-	DYNMAP_CORPUS_PLACES=200 $(BIN)/python -m pytest tests/ingest/test_corpus.py
+
+damage: dev
+	DYNMAP_CORPUS_PLACES=$(DAMAGE_PLACES) $(BIN)/python -m pytest tests/ingest/test_corpus.py
 
 samples: setup
 	$(BIN)/dynmap simulate sample_logs/corridor_monday.yaml --output sample_logs/corridor_monday.mcap --force

@@ -15,6 +15,7 @@ from dynmap_cli.clustering.settings import ClusteringSettings
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import parse_yaml, read_text
+from dynmap_cli.files.plain_values import said
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.localization.amcl_names import amcl_parameters, is_amcl_name, translate
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -79,7 +80,7 @@ def load_config(path: Path | None, assignments: Mapping[str, Any]) -> LoadedConf
         translated, unused = _without_amcl_names(assigned, origin)
         notes += unused
         for key, value in translated.items():
-            _assign(values, key, value)
+            _assign(values, key, value, "" if origin == "command line" else f"{origin}: ")
             origins[key] = origin
     try:
         return LoadedConfig(Config.model_validate(values), origins, tuple(notes))
@@ -176,8 +177,8 @@ def _without_amcl_names(assigned: Mapping[str, Any], origin: str) -> tuple[dict[
     return own, [f"{origin}: {line}" for line in unused]
 
 
-def _assign(values: dict[str, Any], key: str, value: Any) -> None:
-    """Set one dotted key after checking that it exists."""
+def _assign(values: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Set one dotted key after checking that it exists, and that no yes or no stands where a number is meant."""
     known = known_keys()
     if key not in known:
         names = difflib.get_close_matches(key[:80], known, n=1, cutoff=0.5)
@@ -186,13 +187,29 @@ def _assign(values: dict[str, Any], key: str, value: Any) -> None:
         if names and dot and names[0].startswith(section + "."):
             hint = f" in section '{section}', did you mean '{names[0].partition('.')[2]}'?"
             key = last
-        msg = f"unknown setting '{key[:80]}'{hint or '.'} `dynmap config show` lists all"
+        msg = f"{where}unknown setting '{key[:80]}'{hint or '.'} `dynmap config show` lists all"
         raise ConfigError(msg)
     section, dot, last = key.partition(".")
+    if _holds_bool(value) and not _takes_bool(section, last):
+        msg = f"{where}{key} = {said(value)} is not allowed: true and false are no numbers or words ({known[key]})"
+        raise ConfigError(msg)
     if dot:
         values.setdefault(section, {})[last] = value
     else:
         values[key] = value
+
+
+def _holds_bool(value: object) -> bool:
+    """Whether a value is true or false, or a list with one; pydantic would take them for 1 and 0."""
+    return isinstance(value, bool) or (isinstance(value, list) and any(map(_holds_bool, value)))
+
+
+def _takes_bool(section: str, key: str) -> bool:
+    """Whether a setting is true or false."""
+    field = Config.model_fields[section]
+    if isinstance(field.default, BaseModel):
+        field = type(field.default).model_fields[key]
+    return "bool" in str(field.annotation)
 
 
 def _explain(err: ValidationError, origins: dict[str, str]) -> str:

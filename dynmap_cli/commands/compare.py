@@ -61,6 +61,7 @@ def command(
     """
     from dynmap_cli.comparison.stage import FILES, TruthFiles
     from dynmap_cli.finished import compare
+    from dynmap_cli.outdated import outdated_results
 
     if map_truth is not None and truth is None:
         msg = "--map-truth needs --truth"
@@ -81,4 +82,7 @@ def command(
     warnings = [line for line in results[0].manifest.summary.get("lines", ()) if line.startswith("warning")]
     lines = [*(f"ingest: {line}" for line in warnings), *summary["lines"]]
     lines += [f"{Path(name).stem:12}{path}" for name, path in files.items()]
-    print_summary({**summary, "files": files}, lines, as_json=shared.as_json)
+    outdated = outdated_results(run_dir)
+    print_summary(
+        {**summary, "files": files, "outdated": outdated}, [*lines, *outdated], as_json=shared.as_json
+    )

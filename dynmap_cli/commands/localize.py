@@ -57,6 +57,7 @@ def command(
 ) -> None:
     """Track pose and state of the world through LOG, in the maps of RUN or in --map."""
     from dynmap_cli.finished import localize
+    from dynmap_cli.outdated import outdated_results
 
     run_dir = None if map_yaml else paths[0]
     recordings = paths if map_yaml else paths[1:]
@@ -83,6 +84,9 @@ def command(
         lines += [f"smoothed    {out_dir / 'smoothed'}/"]
     picture = out_dir / "localization.png"
     lines += [f"picture     {picture}"]
+    outdated = outdated_results(run_dir) if run_dir else []
     print_summary(
-        {"output": str(out_dir), "picture": str(picture), "stages": summary}, lines, as_json=shared.as_json
+        {"output": str(out_dir), "picture": str(picture), "stages": summary, "outdated": outdated},
+        [*lines, *outdated],
+        as_json=shared.as_json,
     )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import json
 import logging
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.files.plain_values import number_in
 from dynmap_cli.printable import for_people
 
 if TYPE_CHECKING:
@@ -78,8 +82,6 @@ def shared_options(function: Function) -> Function:
         quiet: bool,
         **kwargs: Any,
     ) -> None:
-        import os
-
         from dynmap_cli.config import load_config, parse_assignments
 
         set_up_logging(verbose, quiet=quiet)
@@ -202,22 +204,30 @@ def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -
 
 def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: bool) -> None:
     """Write what the stages of a run found, and where its files are."""
+    from dynmap_cli.outdated import outdated_results
+
     lines = [
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
     ]
     lines += [f"map      {run_dir / 'map/map.yaml'}", f"patches  {run_dir / 'patches/patches.zip'}"]
     lines += [f"report   {run_dir / 'report.html'}", f"figures  {run_dir / 'figures'}/"]
+    outdated = outdated_results(run_dir)
     summary = {result.stage: {**result.manifest.summary, "ran": result.ran} for result in results}
-    print_summary({"run": str(run_dir), "stages": summary}, lines, as_json=as_json)
+    print_summary(
+        {"run": str(run_dir), "stages": summary, "outdated": outdated}, [*lines, *outdated], as_json=as_json
+    )
 
 
 def echo(text: str) -> None:
-    """Write a result to stdout."""
+    """Write a result to stdout, all of it."""
     try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         click.echo(text, nl=False)
-    except BrokenPipeError:
-        raise
     except OSError as err:
+        with suppress(OSError, AttributeError):
+            # What is still in the buffer would fail once more at the end of the process.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         msg = f"stdout: cannot be written ({err.strerror}). Choose another output or free the place."
         raise ArtifactError(msg) from err
 
@@ -234,10 +244,10 @@ def _as_json(value: Any) -> Any:
 def three_numbers(option: str, text: str) -> tuple[float, ...]:
     """Read x,y,yaw as an option gives it."""
     try:
-        values = tuple(float(word) for word in text.split(","))
+        values = tuple(number_in(word) for word in text.split(","))
     except ValueError:
         values = ()
-    if len(values) != 3 or not all(map(math.isfinite, values)):
+    if len(values) != 3:
         msg = f"{option} {text}: expected x,y,yaw in metres and radians, for instance 0.2,0,0"
         raise click.UsageError(msg)
     return values
@@ -248,7 +258,7 @@ def _sector(text: str) -> list[float | str]:
     start, _, rest = text.partition(",")
     end, _, laser = rest.partition(",")
     try:
-        limits = [float(start), float(end)]
+        limits = [number_in(start), number_in(end)]
     except ValueError as err:
         msg = f"--mask-sector {text}: expected from,to in degrees, for instance 150,210 or 150,210,/scan"
         raise click.UsageError(msg) from err

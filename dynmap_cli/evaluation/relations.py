@@ -60,7 +60,9 @@ def read_relations(path: Path) -> Relations:
             stamps.append((parse_stamp(words[0]), parse_stamp(words[1])))
         except (ValueError, IndexError):
             values = []
-        if len(values) != 6 or not all(abs(value) <= _FARTHEST for value in values):
+        # Python would take the one for a comma in a number, the other for digits.
+        is_odd = "_" in line or not line.isascii()
+        if is_odd or len(values) != 6 or not all(abs(value) <= _FARTHEST for value in values):
             msg = f"{path}:{number}: expected 't1 t2 x y z roll pitch yaw', found {line[:60]!r}"
             raise ArtifactError(msg)
         rows.append([values[0], values[1], values[5]])

@@ -18,7 +18,16 @@ from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.manifest import FORMAT_VERSION, sha256_of
-from dynmap_cli.files.plain_values import item_of, list_at, mapping_at, numbers_at, said, text_at, whole_at
+from dynmap_cli.files.plain_values import (
+    item_of,
+    list_at,
+    mapping_at,
+    number_in,
+    numbers_at,
+    said,
+    text_at,
+    whole_at,
+)
 
 NAME = "edits.yaml"
 _LONGEST_NAME, _MOST_CORNERS, _LEAST_AREA_M2 = 60, 10_000, 1e-6
@@ -134,7 +143,7 @@ def read_polygon(path: Path) -> tuple[tuple[float, float], ...]:
         if words == [""] or not line.strip():
             continue
         try:
-            x, y = (float(word) for word in words)
+            x, y = (number_in(word) for word in words)
         except ValueError as err:
             msg = f"line {number} is not `x,y` in metres: {line[:60]!r}"
             raise ValueError(msg) from err

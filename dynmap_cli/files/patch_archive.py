@@ -41,7 +41,7 @@ from dynmap_cli.files.object_tables import (
 )
 from dynmap_cli.files.patch_manifest import MANIFEST, SubMapEntry, check_supports, parse_entries
 from dynmap_cli.files.pgm import pgm_bytes
-from dynmap_cli.files.plain_values import mapping_at, said, text_at
+from dynmap_cli.files.plain_values import mapping_at, number_in, said, text_at
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
 from dynmap_cli.files.zip_archive import ZipArchive
 from dynmap_cli.printable import printable
@@ -309,7 +309,7 @@ def _stamp(word: str, where: str) -> int:
 def _membership(word: str, where: str) -> float:
     """How well a visit fits its patch."""
     try:
-        value = float(word)
+        value = number_in(word)
     except ValueError:
         value = math.nan
     if not 0.0 <= value <= 1.0:

@@ -7,10 +7,12 @@ allowed>`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
 _LONGEST = 60
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 
 
 def said(value: object) -> str:
@@ -97,3 +99,18 @@ def distinct(numbers: list[int], what: str) -> None:
             msg = f"{what} {number} is there twice"
             raise ValueError(msg)
         seen.add(number)
+
+
+def number_in(word: str) -> float:
+    """A number as people write it: no underscores between digits, no digits of other scripts, not nan or inf.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    value = float(word) if _NUMBER.fullmatch(word) else math.nan
+    if not math.isfinite(value):
+        msg = f"{said(word)} is not a finite number"
+        raise ValueError(msg)
+    return value

@@ -34,6 +34,9 @@ def parse_stamp(text: str) -> int:
         If the text is no number, or the stamp does not fit into 64 bits.
     """
     whole, _, decimals = text.partition(".")
+    if not text.isascii() or "_" in text:
+        msg = f"{text[:30]!r} is no time in seconds"
+        raise ValueError(msg)
     if whole.isdecimal() and decimals.isdecimal():
         value = int(whole) * 10**9 + int((decimals + "000000000")[:9])
     else:
@@ -107,6 +110,8 @@ def _parsed(path: Path, lines: list[str], first: int) -> tuple[I64, F64]:
         if not words or words[0].startswith("#"):
             continue
         try:
+            if "_" in line or not line.isascii():
+                raise _not_a_pose(path, number, line)
             stamps.append(parse_stamp(words[0]))
             values.extend(map(float, words[1:]))
         except ValueError:

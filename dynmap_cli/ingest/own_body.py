@@ -16,6 +16,8 @@ from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.settings import MaskSector
 
 _FARTHEST_M, _SAME_M = 1.0, 0.03
+_LEAST_BEAMS = 10
+"""With fewer no scan says where it was made."""
 _STEP_M, _STEP_RAD = 0.1, math.radians(5.0)
 _TURN_RAD = math.radians(2.0)
 _LEAST_PATH_M = 3.0
@@ -270,7 +272,7 @@ def mask_sectors(
     Raises
     ------
     LogError
-        If no beam is left.
+        If fewer beams are left than any stage can use.
     """
     mine = [(start, end) for start, end, *laser in sectors if not laser or laser[0] == name]
     if not mine:
@@ -283,8 +285,14 @@ def mask_sectors(
         is_masked = np.zeros(degrees.size, dtype=bool)
         for start, end in mine:
             is_masked |= (degrees - start) % 360.0 <= (end - start) % 360.0
-        if is_masked[: shape.n_beams].all():
-            msg = f"{name}: ingest.mask_sectors leaves no beam of this laser. Make them smaller, or name a laser."
+        left = int(np.count_nonzero(~is_masked[: shape.n_beams]))
+        if left < min(_LEAST_BEAMS, shape.n_beams):
+            sectors_words = "; ".join(f"{start:g},{end:g}" for start, end in mine)
+            msg = (
+                f"{name}: the sectors {sectors_words} of ingest.mask_sectors (--mask-sector) leave {left} of the "
+                f"{shape.n_beams} beams of this laser, at least {_LEAST_BEAMS} are needed. "
+                "Make them smaller, or name a laser."
+            )
             raise LogError(msg)
         scans = np.flatnonzero(columns.geometry_index == row)
         for beam in np.flatnonzero(is_masked):

@@ -205,8 +205,15 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
 
 def _refused(recording: RawRecording) -> LogError:
     """One line for a damaged recording that is not to be read in part."""
+    head = f"{recording.name}: this {recording.kind} is "
+    short = f"{file_name(recording.name)}: this {recording.kind} is "
+    told = [line.removeprefix(short) for line in recording.warnings]
+    told.sort(key=lambda line: not line.startswith("cut off or damaged"))
+    left = [why for why in recording.damage[:3] if not any(why in line for line in told)]
+    damage = [f"damaged ({'; '.join(left)})"] if left else []
+    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
     return LogError(
-        f"{recording.name}: this {recording.kind} is damaged ({'; '.join(recording.damage[:3])}){_lost(recording)}. "
+        f"{head}{'; '.join([*damage, *told, *dropped])}. "
         "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
     )
 

@@ -88,7 +88,7 @@ def amcl_parameters(content: Mapping[str, Any]) -> dict[str, Any] | None:
     Raises
     ------
     ValueError
-        If two robots have such a node, or the node has no parameters.
+        If two robots have such a node, the node has no parameters, or the file is one of other nodes only.
     """
     below = [
         value
@@ -108,7 +108,22 @@ def amcl_parameters(content: Mapping[str, Any]) -> dict[str, Any] | None:
             return dict(inner)
     if content and all(isinstance(name, str) for name in content) and any(map(is_amcl_name, content)):
         return dict(content)
+    others = [str(name) for name, value in content.items() if _has_parameters(value)]
+    if others:
+        msg = (
+            f"a parameter file of nav2 without a node of AMCL, it has {', '.join(others[:5])}; "
+            "give the file that has 'amcl: ros__parameters:', or sections of dynmap's settings"
+        )
+        raise ValueError(msg)
     return None
+
+
+def _has_parameters(value: object) -> bool:
+    """Whether a value is a node of ROS 2, or holds one below a namespace."""
+    return isinstance(value, dict) and (
+        "ros__parameters" in value
+        or any(isinstance(inner, dict) and "ros__parameters" in inner for inner in value.values())
+    )
 
 
 def translate(parameters: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:

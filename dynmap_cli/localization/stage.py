@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dynmap_cli.domain.grid import CountingMap, OccupancyGrid
+import numpy as np
+
+from dynmap_cli.domain.grid import OCCUPIED, CountingMap, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.pgm import read_map
@@ -14,6 +16,7 @@ from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.beam_model import with_beam_model
 from dynmap_cli.localization.changes import is_another_place
 from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.global_start import LEAST_RETURNS
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.object_states import Part, object_parts, whole_parts
 from dynmap_cli.localization.outputs import (
@@ -43,6 +46,7 @@ def run(context: StageContext) -> dict[str, Any]:
     log = read_scan_log(context.scans_dir)
     grid, warnings = read_map(context.map_yaml or context.run_dir / "map" / "map.yaml")
     _check_start(settings, grid)
+    warnings += _warn_of_empty(grid)
     patch_sets = _patch_sets(context)
     parts = _parts(context, patch_sets)
     pool = make_map_pool(grid, [part.states for part in parts], settings)
@@ -97,6 +101,18 @@ def _warn_of_changes(rows: Sequence[HealthRow]) -> list[str]:
     return [
         f"the surroundings differ from the map in {100 * share:.0f} % of the recording: either much has changed, or it "
         "was made in another place that looks alike; look at localization.png before using poses and states"
+    ]
+
+
+def _warn_of_empty(grid: OccupancyGrid) -> list[str]:
+    """A map that shows hardly anything says nothing of where the robot is."""
+    occupied = int(np.count_nonzero(grid.cells == OCCUPIED))
+    if occupied >= LEAST_RETURNS:
+        return []
+    cells = "cell" if occupied == 1 else "cells"
+    return [
+        f"the map has {occupied} occupied {cells}, too few to localize by: poses are those of the odometry from the "
+        "start; check the image of the map and its thresholds"
     ]
 
 

@@ -100,7 +100,13 @@ def test_amcl_names_stand_among_own_settings_and_on_the_command_line(tmp_path):
         ("localization: {kld_err: 0.1, pf_err: 0.2}", "given twice"),
         ("amcl: {ros__parameters: {z_hit: much}}", "localization.z_hit = 'much' is not allowed"),
         ("localization: {kld_error: 0.1}", "unknown setting"),
-        ("amlc: {ros__parameters: {z_hit: 0.5}}", "unknown setting"),
+        ("amlc: {z_hit: 0.5}", r"params.yaml: unknown setting"),
+        ("amlc: {ros__parameters: {z_hit: 0.5}}", "without a node of AMCL, it has amlc; give the file"),
+        ("robot: {map_server: {ros__parameters: {x: 1}}}", "without a node of AMCL, it has robot"),
+        (
+            "amcl: {ros__parameters: {laser_max_range: true}}",
+            "laser_max_range = true is not allowed: true and false",
+        ),
     ],
 )
 def test_what_has_no_meaning_is_refused_in_one_line(tmp_path, text, words):

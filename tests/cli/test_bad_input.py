@@ -119,6 +119,8 @@ def test_an_unknown_setting_names_the_nearest(refused, small, tmp_path):
         "segmentation.window_s=1.0e-300",
         "map.em=2020-13-45",
         "map.em=&a [*a]",
+        "map.resolution_m=true",
+        "localization.start=[0, 0, false]",
     ],
 )
 def test_a_setting_that_is_not_allowed(refused, small, setting):
@@ -130,6 +132,16 @@ def test_a_settings_file_that_is_not_there_or_not_settings(refused, small, tmp_p
     for content in ("- a list\n", "map: 3\n", "map: {resolution_m: [}\n"):
         (tmp_path / "bad.yaml").write_text(content)
         assert "bad.yaml" in refused(SETTINGS, "map", small.run_dir, "--config", tmp_path / "bad.yaml", "-q")
+    (tmp_path / "bad.yaml").write_bytes(b"\x7fELF\x02\xd0")
+    line = refused(SETTINGS, "map", small.run_dir, "--config", tmp_path / "bad.yaml", "-q")
+    assert "bad.yaml: settings cannot be read (it is not text in UTF-8, byte 5 is 0xd0)" in line
+
+
+@pytest.mark.parametrize("content", ['"\\e[31mred": 3\n', 'map: {"a\\nb": 3}\n', 'amcl: {"\\e[31mred": 3}\n'])
+def test_no_key_of_a_settings_file_commands_the_terminal(small, tmp_path, content):
+    (tmp_path / "odd.yaml").write_text(content)
+    said = run_dynmap("map", small.run_dir, "--config", tmp_path / "odd.yaml", "-q").stderr
+    assert all(line.isprintable() for line in said.splitlines())
 
 
 @pytest.mark.parametrize("verb", ["build", "map", "segment", "cluster", "localize"])
@@ -261,6 +273,8 @@ def test_maps_that_are_no_maps(refused, small, tmp_path):
         ("build", "x.bag", "-o", "run", "--laser-pose", "1,2"),
         ("build", "x.bag", "-o", "run", "--laser-pose", "nan,0,0"),
         ("localize", "run", "x.bag", "--start", "0,inf,0"),
+        ("localize", "run", "x.bag", "--start", "1_0,0,0"),
+        ("build", "x.bag", "-o", "run", "--mask-sector", "1_0,20"),
         ("map", "run", "--threads", "1000000000"),
         ("map", "run", "--seed", "9" * 30),
     ],
@@ -310,3 +324,11 @@ def test_an_output_that_is_full(small, words):
         )
     assert done.returncode == FILES
     assert done.stderr.splitlines()[-1].startswith("dynmap: stdout: cannot be written")
+
+
+@pytest.mark.parametrize("closed", ["| head -c 0", ">&-"])
+def test_an_output_that_nobody_reads(closed):
+    call = f"sleep 1 | {sys.executable} -m dynmap_cli config show {closed}; exit ${{PIPESTATUS[1]}}"
+    done = subprocess.run(["bash", "-c", call], capture_output=True, text=True, check=False)
+    assert done.returncode == FILES
+    assert [line[:34] for line in done.stderr.splitlines()] == ["dynmap: stdout: cannot be written "]

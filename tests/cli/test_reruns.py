@@ -1,5 +1,6 @@
 """What a folder holds from before is not replaced unasked, and a stage that runs again says why."""
 
+import json
 import shutil
 
 import pytest
@@ -64,3 +65,32 @@ def test_a_stage_says_which_file_changed(small):
     assert "segment: runs again, missing or damaged: " in run_dynmap("segment", small.run_dir).stderr
     assert run_dynmap("map", small.run_dir, "--set", "map.resolution_m=0.1", "-q").exit_code == 0
     assert "segment: runs again, changed: map/" in run_dynmap("segment", small.run_dir).stderr
+
+
+def test_results_of_an_older_map_are_named_until_they_are_made_again(small):
+    localize = ("localize", small.run_dir, small.recording, "-q")
+    build = ("build", small.recording, "-o", small.run_dir, "-q")
+    assert "older map" not in run_dynmap(*localize).stderr
+    assert run_dynmap("compare", small.run_dir, small.recording, "-q").exit_code == 0
+    assert "older map" not in run_dynmap(*build).stderr
+    coarser = (*build, "--set", "map.resolution_m=0.1")
+    for words in (coarser, coarser):
+        said = run_dynmap(*words)
+        assert said.exit_code == 0
+        assert [line.split(":")[1].strip() for line in said.stderr.splitlines() if "older map" in line] == [
+            "localization/room",
+            "comparison/room",
+        ]
+    assert json.loads(run_dynmap(*coarser, "--json").stdout)["outdated"]
+    assert [line.split(":")[1] for line in run_dynmap(*localize).stderr.splitlines() if "older" in line] == [
+        " comparison/room"
+    ]
+
+
+def test_a_folder_that_is_not_written_any_more_goes(small):
+    out = small.run_dir / "localization" / "room"
+    words = ("localize", small.run_dir, small.recording, "-q")
+    assert run_dynmap(*words, "--smooth").exit_code == 0
+    assert (out / "smoothed" / "states.csv").is_file()
+    assert run_dynmap(*words).exit_code == 0
+    assert not (out / "smoothed").exists()

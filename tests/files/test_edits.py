@@ -107,7 +107,8 @@ def test_a_polygon_is_a_corner_per_line(tmp_path):
         ("0,0\n1,0\nx,y\n", "line 3"),
         ("0,0\n1,0,2\n", "line 2"),
         ("0,0\n1,0\n2,0\n", "the corners enclose 0 m2"),
-        ("0,0\n1,0\nnan,1\n", "finite"),
+        ("0,0\n1,0\nnan,1\n", "line 3 is not"),
+        ("0,0\n1,0\n1_0,1\n", "line 3 is not"),
         ("0,0\n1,0\n1,1e9\n", "within"),
     ],
 )

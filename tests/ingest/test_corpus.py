@@ -16,7 +16,7 @@ from tests.ingest.corpus import FILES, FOLDERS, WORLD, scans_within, text_ranges
 SETTINGS = IngestSettings()
 STRICT = IngestSettings(strict=True)
 PLACES = int(os.environ.get("DYNMAP_CORPUS_PLACES", "6"))
-"""How many places of each file are tried; `make fuzz` tries 200."""
+"""How many places of each file are tried; `make damage` tries 200."""
 
 
 def expected_ranges_m(variant):

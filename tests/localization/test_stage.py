@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.config import Config
+from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
 from dynmap_cli.domain.patches import Visit
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ConfigError
@@ -107,6 +108,15 @@ def test_more_particles_at_least_than_at_most_is_refused():
 def test_a_start_far_outside_the_map_is_refused(folders):
     with pytest.raises(ConfigError, match=r"outside the map, which reaches from x = .* m and from y = .* m"):
         run(context(folders, start=(500.0, 0.0, 0.0)))
+
+
+def test_a_map_that_shows_hardly_anything_is_warned_of(folders, simulated_run):
+    cells = np.full(simulated_run.true_map.frame.shape, FREE, dtype=np.int8)
+    cells[0, 0] = OCCUPIED
+    write_map(folders, "empty", OccupancyGrid(simulated_run.true_map.frame, cells))
+    start = tuple(simulated_run.true_poses[0].tolist())
+    lines = run(context(folders, folders / "empty.yaml", start=start))["lines"]
+    assert any(line.startswith("warning: the map has 1 occupied cell, too few") for line in lines)
 
 
 def test_a_map_that_is_read_otherwise_than_it_says_is_warned_of(folders):
