@@ -6,11 +6,13 @@ import functools
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag1 import reader as rosbag1_reader
@@ -20,9 +22,12 @@ from rosbags.typesys.store import Typestore
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest import protobuf
+from dynmap_cli.ingest.bag1_chunks import bag1_blocks, is_orderly
 from dynmap_cli.ingest.batches import Batches
+from dynmap_cli.ingest.blocks import Block, block_of
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.layouts import has_layout, layout_of
 from dynmap_cli.ingest.mcap_chunks import are_orderly, ordered_messages
 from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
 from dynmap_cli.ingest.raw import RawRecording, Topic
@@ -35,6 +40,7 @@ from dynmap_cli.printable import printable
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
+_LEAST_AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 19
 _NOT_ROS2_PROFILE = "Profile is not ros2"
 
 
@@ -94,8 +100,7 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
             Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
         ]
         recording = RawRecording(name, kind, topics, folder=space.folder)
-        space.reserve(name, *_expected(reader))
-        _take_all(reader, recording)
+        _take_all(reader, recording, space)
         end_of_messages(recording)
     recording.give_back()
     return recording
@@ -164,26 +169,51 @@ def _check_definitions(reader: AnyReader) -> None:
                 waiting.append(str(inner[1]))
 
 
-def _expected(reader: AnyReader) -> tuple[int, int]:
-    """How many sweeps there are, and how many bytes their ranges are if all are as long as the first of a topic."""
+def _expected(
+    reader: AnyReader, usual: set[str], numbers: Mapping[int, int], block: Block
+) -> tuple[int, int]:
+    """How many sweeps there are, and how many bytes their ranges are if all are as long as the first of a topic.
+
+    Parameters
+    ----------
+    reader : AnyReader
+    usual : set of str
+        Message types that are defined as usual.
+    numbers : dict of int to int
+        Numbers of channels by the identity of their connection.
+    block : Block
+        The first messages; what is not among them is looked for.
+    """
     n_scans, n_bytes = 0, 0
     for connection in reader.connections:
         if connection.msgtype not in LASER_TYPES:
             continue
         try:
-            *_, data = next(reader.messages(connections=[connection]))
-            first: Any = reader.deserialize(data, connection.msgtype)
-            length = 4 * len(first.ranges)
+            rows = np.flatnonzero(block.channels == numbers[id(connection)])
+            if rows.size:
+                data = block.data_of(int(rows[0]))
+            else:
+                *_, data = next(reader.messages(connections=[connection]))
+            n_beams = _n_beams_of(reader, connection.msgtype, data, is_usual=connection.msgtype in usual)
         except Exception as err:
             # None, or damaged: the same is found when all are read.
             _log.debug("%s: %s", connection.topic, words_of(err))
             continue
         n_scans += connection.msgcount
-        n_bytes += connection.msgcount * length
+        n_bytes += 4 * connection.msgcount * n_beams
     return n_scans, n_bytes
 
 
-def _take_all(reader: AnyReader, recording: RawRecording) -> None:
+def _n_beams_of(reader: AnyReader, kind: str, data: bytes, *, is_usual: bool) -> int:
+    """How many ranges a scan has; the library is only asked where fields do not lie as usual, for it has to learn."""
+    if is_usual and has_layout(kind):
+        with suppress(ValueError):
+            return layout_of(data, kind, is_cdr=reader.is2).parts[0].n_beams
+    scan: Any = reader.deserialize(data, kind)
+    return len(scan.ranges)
+
+
+def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
     """Take the messages of the types that are used, in the order of their recording."""
     wanted = [connection for connection in reader.connections if connection.msgtype in USED_TYPES]
     if not wanted:
@@ -191,7 +221,7 @@ def _take_all(reader: AnyReader, recording: RawRecording) -> None:
 
     def decode(topic: str, message_type: str, logged_ns: int, data: bytes) -> list[Message]:
         try:
-            content: Any = reader.deserialize(data, message_type)
+            content: Any = reader.deserialize(unpacked_message(data) if reader.is2 else data, message_type)
             return as_ros(Message(topic, message_type, logged_ns, content))
         except Exception as err:
             decoding_failed(recording, topic, err)
@@ -199,11 +229,23 @@ def _take_all(reader: AnyReader, recording: RawRecording) -> None:
 
     usual = {connection.msgtype for connection in wanted if _is_usual(reader, connection.msgtype)}
     batches = Batches(recording, decode, usual, is_cdr=reader.is2)
-    stream = _from_chunks(reader, wanted) or _from_reader(reader, wanted)
+    numbers = {
+        id(connection): batches.number_of(printable(connection.topic), connection.msgtype)
+        for connection in wanted
+    }
+    blocks = _from_chunks(reader, wanted, numbers) or _from_reader(reader, wanted, numbers)
     found = 0
-    for topic, message_type, logged_ns, data in stream:
-        found += 1
-        batches.add(topic, message_type, logged_ns, unpacked_message(data) if reader.is2 else data)
+    while True:
+        try:
+            block = next(blocks)
+        except StopIteration:
+            break
+        except Exception as err:
+            raise UnreadableBagError(words_of(err)) from err
+        if found == 0:
+            space.reserve(recording.name, *_expected(reader, usual, numbers, block))
+        found += block.starts.size
+        batches.add(block)
     batches.finish()
     stated = sum(connection.msgcount for connection in wanted)
     if found != stated:
@@ -232,60 +274,47 @@ def _is_usual(reader: AnyReader, kind: str) -> bool:
     return True
 
 
-Stored = tuple[str, str, int, bytes]
-"""Topic, message type, time of recording, data."""
+def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
+    """Messages as rosbags gives them, many at a time; numbers of channels by the identity of their connection."""
+    (inner,) = reader.readers
+    stream = inner.messages(connections=wanted)
+    n_at_once = _LEAST_AT_ONCE
+    while rows := list(islice(stream, n_at_once)):
+        connections, logged_ns, data = zip(*rows, strict=True)
+        block = block_of(data, list(map(numbers.__getitem__, map(id, connections))), logged_ns)
+        n_at_once = max(_LEAST_AT_ONCE, min(2 * n_at_once, _BYTES_AT_ONCE * len(rows) // (block.n_bytes + 1)))
+        yield block
 
 
-def _from_reader(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored]:
-    """Messages as rosbags gives them."""
-    names = {id(connection): printable(connection.topic) for connection in wanted}
-    stream = reader.messages(connections=wanted)
-    while True:
-        try:
-            connection, logged_ns, data = next(stream)
-        except StopIteration:
-            return
-        except Exception as err:
-            raise UnreadableBagError(words_of(err)) from err
-        yield names[id(connection)], connection.msgtype, logged_ns, data
-
-
-def _from_chunks(reader: AnyReader, wanted: list[Any]) -> Iterator[Stored] | None:
-    """The same from the chunks of MCAP files; None where there are none, or messages are packed one by one."""
-    storages: list[Any] = []
-    for inner in reader.readers:
-        outer = getattr(inner, "storage", None)
-        if outer is None or outer.metadata.compression_mode == "message":
-            return None
-        storages += getattr(outer, "storages", [outer])
-    are_mcap = all(
-        isinstance(storage, storage_mcap.McapReader) and are_orderly(storage.chunks) for storage in storages
-    )
-    if not are_mcap or len(reader.readers) != 1:
+def _from_chunks(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block] | None:
+    """The same from the chunks of bags and MCAP files; None where there are none, or messages are packed one by one."""
+    if len(reader.readers) != 1:
         return None
-    kinds = {(connection.topic, connection.msgtype) for connection in wanted}
-    return _cut_chunks(storages, kinds)
+    (inner,) = reader.readers
+    if not reader.is2:
+        by_id = {connection.id: numbers[id(connection)] for connection in wanted}
+        return bag1_blocks(inner, wanted, by_id) if is_orderly(inner, wanted) else None
+    outer: Any = getattr(inner, "storage", None)
+    if outer is None or outer.metadata.compression_mode == "message":
+        return None
+    storages = getattr(outer, "storages", [outer])
+    if not all(
+        isinstance(storage, storage_mcap.McapReader) and are_orderly(storage.chunks) for storage in storages
+    ):
+        return None
+    kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
+    return _from_files(storages, kinds)
 
 
-def _cut_chunks(storages: list[Any], kinds: set[tuple[str, str]]) -> Iterator[Stored]:
-    """Yield the messages of some topics and types from the chunks of files."""
+def _from_files(storages: list[Any], kinds: Mapping[tuple[str, str], int]) -> Iterator[Block]:
+    """Messages of some topics and types from the chunks of MCAP files."""
     for storage in storages:
         channels = {
-            connection.id: (printable(connection.topic), connection.msgtype)
+            connection.id: kinds[connection.topic, connection.msgtype]
             for connection in storage.connections
             if (connection.topic, connection.msgtype) in kinds
         }
-        stream = ordered_messages(storage, set(channels))
-        while True:
-            try:
-                found = next(stream)
-            except StopIteration:
-                break
-            except Exception as err:
-                raise UnreadableBagError(words_of(err)) from err
-            for logged_ns, _, number, data in found:
-                topic, message_type = channels[number]
-                yield topic, message_type, logged_ns, data
+        yield from ordered_messages(storage, channels)
 
 
 @functools.cache

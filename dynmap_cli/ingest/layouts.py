@@ -12,7 +12,7 @@ ROS 1: no header, no alignment, strings without a null, a header has a sequence 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, F64, I64, U8
+from dynmap_cli.ingest.blocks import Block
 from dynmap_cli.ingest.kinds import LASER_TYPES, ODOMETRY_TYPES, TRANSFORM_TYPES
 
 _U32 = struct.Struct("<I")
@@ -27,6 +28,7 @@ _CDR_HEADER, _CDR_PADDING = b"\x00\x01\x00\x00", 3
 MOST_TRANSFORMS = 1000
 """No tf message holds so many."""
 
+_WIDEST_GAP = 128
 _POSE_F64, _ODOMETRY_F64 = 7, 7 + 36 + 6 + 36
 
 
@@ -59,51 +61,50 @@ class Layout:
 
     Attributes
     ----------
-    fixed : tuple of (int, bytes)
-        Bytes that must be the same, with their places.
+    spans : tuple of (int, (n_bytes,) uint8, (n_bytes,) uint8)
+        Where bytes stand that must be the same; these bytes, and 255 for each that must be, 0 for those between them.
     parts : tuple of Stamped
         One, or the transforms of a tf message.
     """
 
-    fixed: tuple[tuple[int, bytes], ...]
+    spans: tuple[tuple[int, U8, U8], ...]
     parts: tuple[Stamped, ...]
 
-    def fits(self, table: U8) -> B1:
-        """(n,) which messages, the rows of a table of bytes, have this layout."""
-        fitting = np.ones(table.shape[0], dtype=bool)
-        for place, wanted in self.fixed:
-            found = table[:, place : place + len(wanted)]
-            fitting &= (found == np.frombuffer(wanted, dtype=np.uint8)).all(axis=1)
+    def fits(self, messages: Block) -> B1:
+        """(n,) which messages of the length of this layout have it."""
+        fitting = np.ones(messages.starts.size, dtype=bool)
+        for start, wanted, is_fixed in self.spans:
+            differs = (messages.columns(start, wanted.size) ^ wanted) & is_fixed
+            if differs.any():
+                fitting &= ~differs.any(axis=1)
         return fitting
 
     @staticmethod
-    def stamps_ns(table: U8, part: Stamped) -> I64:
+    def stamps_ns(messages: Block, part: Stamped) -> I64:
         """(n,) nanoseconds; seconds have a sign, as in ROS 2, for ROS 1 has none that reach so far."""
-        seconds = _column(table, part.stamp_at, "<i4", 1)[:, 0].astype(np.int64)
-        return np.asarray(
-            seconds * 10**9 + _column(table, part.stamp_at + 4, "<u4", 1)[:, 0].astype(np.int64)
-        )
+        words = messages.columns(part.stamp_at, 8)
+        seconds, rest = words.view("<i4")[:, 0].astype(np.int64), words.view("<u4")[:, 1].astype(np.int64)
+        return np.asarray(seconds * 10**9 + rest)
 
     @staticmethod
-    def scan_values(table: U8, part: Stamped) -> F32:
+    def scan_values(messages: Block, part: Stamped) -> F32:
         """(n, 7) angles, times and limits."""
-        return _column(table, part.values_at, "<f4", 7)
+        return _numbers(messages, part.values_at, "<f4", 7)
 
     @staticmethod
-    def ranges_m(table: U8, part: Stamped) -> F32:
+    def ranges_m(messages: Block, part: Stamped) -> F32:
         """(n, n_beams) as recorded."""
-        return _column(table, part.ranges_at, "<f4", part.n_beams)
+        return _numbers(messages, part.ranges_at, "<f4", part.n_beams)
 
     @staticmethod
-    def pose_values(table: U8, part: Stamped) -> F64:
+    def pose_values(messages: Block, part: Stamped) -> F64:
         """(n, 7) place and quaternion."""
-        return _column(table, part.values_at, "<f8", _POSE_F64)
+        return _numbers(messages, part.values_at, "<f8", _POSE_F64)
 
 
-def _column(table: U8, place: int, dtype: str, count: int) -> NDArray[Any]:
-    """Numbers (n, count) that stand at one place in all rows."""
-    size = count * np.dtype(dtype).itemsize
-    return np.ascontiguousarray(table[:, place : place + size]).view(dtype).reshape(-1, count)
+def _numbers(messages: Block, place: int, dtype: str, count: int) -> NDArray[Any]:
+    """Numbers (n, count) that stand at one place in all messages."""
+    return messages.columns(place, count * np.dtype(dtype).itemsize).view(dtype).reshape(-1, count)
 
 
 def layout_of(data: bytes, message_type: str, *, is_cdr: bool) -> Layout:
@@ -121,7 +122,23 @@ def layout_of(data: bytes, message_type: str, *, is_cdr: bool) -> Layout:
         msg = "it is cut off, or a name is broken"
         raise ValueError(msg) from err
     walk.end()
-    return Layout(tuple(walk.fixed), parts)
+    return Layout(tuple(_spans(walk.fixed)), parts)
+
+
+def _spans(fixed: list[tuple[int, bytes]]) -> Iterator[tuple[int, U8, U8]]:
+    """Put bytes that must be the same, with their places in ascending order, together where little lies between."""
+    first = 0
+    for last, (place, word) in enumerate(fixed):
+        end = place + len(word)
+        if last + 1 < len(fixed) and fixed[last + 1][0] - end <= _WIDEST_GAP:
+            continue
+        start = fixed[first][0]
+        wanted, is_fixed = np.zeros((2, end - start), dtype=np.uint8)
+        for at, known in fixed[first : last + 1]:
+            wanted[at - start : at - start + len(known)] = np.frombuffer(known, dtype=np.uint8)
+            is_fixed[at - start : at - start + len(known)] = 255
+        first = last + 1
+        yield start, wanted, is_fixed
 
 
 def has_layout(message_type: str) -> bool:

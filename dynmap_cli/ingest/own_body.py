@@ -111,7 +111,8 @@ def _next_moved(poses: F64) -> list[int]:
     for ahead in range(_AHEAD, 0, -1):
         later = poses[ahead : ahead + steps.size]
         steps[: later.shape[0]][_are_away(later, poses[: later.shape[0]])] = ahead
-    return [int(step) for step in steps]
+    found: list[int] = steps.tolist()
+    return found
 
 
 def _are_away(poses: F64, last: F64) -> B1:

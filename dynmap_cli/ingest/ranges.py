@@ -38,6 +38,7 @@ _CODE_EXCESS, _CODE_SHARE = 3.0, 0.9
 _LEAST_CODES, _MOST_CODES = 10, 5
 _NEAR_REACH = 0.8
 _FARTHEST_QUANTILE = 0.999
+_VALUES_AT_ONCE = 1 << 16
 _MOST_CONTRADICTED, _CONTRADICTED_EXCESS = 0.15, 2.0
 
 
@@ -155,10 +156,15 @@ class Farthest:
     def add(self, block: F32, mask: B1) -> None:
         """Add the values of a block under a mask."""
         self.n_values += int(np.count_nonzero(mask))
-        self._kept = np.concatenate([self._kept, block[mask & (block >= self._least)]])
-        if self._kept.size > self._needed:
-            self._kept = np.partition(self._kept, -self._needed)[-self._needed :]
-            self._least = self._kept[0]
+        values, counts = np.ravel(block), np.ravel(mask)
+        # In parts, so that after the first one few are left to be sorted.
+        for start in range(0, values.size, _VALUES_AT_ONCE):
+            part = values[start : start + _VALUES_AT_ONCE]
+            is_far = counts[start : start + _VALUES_AT_ONCE] & (part >= self._least)
+            self._kept = np.concatenate([self._kept, part[is_far]])
+            if self._kept.size > self._needed:
+                self._kept = np.partition(self._kept, -self._needed)[-self._needed :]
+                self._least = self._kept[0]
 
     @property
     def value(self) -> float:

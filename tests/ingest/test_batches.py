@@ -161,7 +161,7 @@ def test_no_message_that_is_cut_off_or_altered_reads_outside_itself(store, is_cd
             layout = layout_of(altered, kind, is_cdr=is_cdr)
         except ValueError:
             continue
-        assert all(at + len(word) <= len(data) for at, word in layout.fixed)
+        assert all(at + wanted.size <= len(data) for at, wanted, _ in layout.spans)
 
 
 @pytest.mark.parametrize("swapped", [False, True])
@@ -181,6 +181,8 @@ def test_chunks_that_overlap_in_time_come_in_the_order_of_rosbags(tmp_path, swap
         expected = [(at, bytes(data)) for _, at, data in reader.messages()]
         storage = reader.readers[0].storage
         assert mcap_chunks.are_orderly(storage.chunks)
-        groups = list(mcap_chunks.ordered_messages(storage, {1, 2}))
-        found = [(at, data) for group in groups for at, _, _, data in group]
+        blocks = list(mcap_chunks.ordered_messages(storage, {1: 0, 2: 1}))
+        found = [
+            (at, block.data_of(row)) for block in blocks for row, at in enumerate(block.logged_ns.tolist())
+        ]
     assert found == expected

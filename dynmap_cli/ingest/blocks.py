@@ -1,0 +1,106 @@
+"""Serialized messages that lie in one piece of memory, so that many are taken apart at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from dynmap_cli.arrays import I64, U8
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Messages in the order of their recording.
+
+    Attributes
+    ----------
+    content : (n_bytes,) uint8
+        Their bytes, and perhaps others.
+    starts, sizes : (n,) int64
+        Where each lies in the content.
+    channels : (n,) int64
+        Number of the topic and type of each.
+    logged_ns : (n,) int64
+        When each was recorded.
+    """
+
+    content: U8
+    starts: I64
+    sizes: I64
+    channels: I64
+    logged_ns: I64
+
+    @property
+    def n_bytes(self) -> int:
+        """Length of all messages."""
+        return int(self.sizes.sum())
+
+    def picked(self, rows: Any) -> Block:
+        """Some of the messages."""
+        return Block(
+            self.content, self.starts[rows], self.sizes[rows], self.channels[rows], self.logged_ns[rows]
+        )
+
+    def data_of(self, row: int) -> bytes:
+        """One message."""
+        start = int(self.starts[row])
+        return self.content[start : start + int(self.sizes[row])].tobytes()
+
+    def columns(self, place: int, size: int) -> U8:
+        """(n, size) bytes that stand at one place in all messages, none of which is shorter than that."""
+        return columns_of(self.content, self.starts + place, size)
+
+
+def columns_of(content: U8, places: I64, size: int) -> U8:
+    """(n, size) bytes of a content (n_bytes,) from each of the places (n,) on.
+
+    Raises
+    ------
+    ValueError
+        If there are no such places.
+    """
+    if size == 0 or places.size == 0:
+        return np.zeros((places.size, size), dtype=np.uint8)
+    if int(places.min()) < 0 or int(places.max()) + size > content.size:
+        msg = "places outside the content"
+        raise ValueError(msg)
+    # Overlapping rows, one from each byte on, of which some are copied.
+    windows: NDArray[np.uint8] = as_strided(content, (content.size - size + 1, size), (1, 1), writeable=False)
+    return np.asarray(windows[places])
+
+
+def block_of(data: Sequence[bytes], channels: Any, logged_ns: Any) -> Block:
+    """A block of single messages, with the number of the channel and the time of recording (n,) of each."""
+    sizes = np.fromiter(map(len, data), dtype=np.int64, count=len(data))
+    return Block(
+        np.frombuffer(b"".join(data), dtype=np.uint8),
+        np.cumsum(sizes) - sizes,
+        sizes,
+        np.asarray(channels, dtype=np.int64),
+        np.asarray(logged_ns, dtype=np.int64),
+    )
+
+
+def joined(blocks: Sequence[Block]) -> Block:
+    """Blocks, of which there is at least one, one after the other."""
+    if len(blocks) == 1:
+        return blocks[0]
+    before = np.cumsum([0, *(block.content.size for block in blocks[:-1])])
+    return Block(
+        np.concatenate([block.content for block in blocks]),
+        np.concatenate([block.starts + moved for block, moved in zip(blocks, before, strict=True)]),
+        np.concatenate([block.sizes for block in blocks]),
+        np.concatenate([block.channels for block in blocks]),
+        np.concatenate([block.logged_ns for block in blocks]),
+    )
+
+
+def packed(block: Block) -> Block:
+    """The same messages without what lies between them; for few of a large block."""
+    data = [block.data_of(row) for row in range(block.starts.size)]
+    return block_of(data, block.channels, block.logged_ns)
