@@ -21,7 +21,7 @@ from dynmap_cli.localization.settings import LocalizationSettings
 
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
-CLEARLY_BETTER = 10.0
+CLEARLY_BETTER = 20.0
 """Tempered log-likelihood by which another place must beat the current one."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""

@@ -32,7 +32,7 @@ UNEXPLAINED_WEIGHT, THROUGH_WEIGHT, OPENED_WEIGHT = 5.0, 25.0, 5.0
 knows that nothing is, and that go through a wall and end where it knows nothing, as through a door that was shut."""
 LEAST_JUDGED = 0.25
 """A scan of which the map can judge a smaller share of the beams says nothing of the pose."""
-DOUBT, LOST = 1.2, 3.0
+DOUBT, LOST = 1.2, 2.5
 """Of the mean of the lost measure: from where on the map is searched for a better pose, and from where on
 the robot is lost even if there is none."""
 CHANGED_SHARE = 0.05

@@ -210,12 +210,16 @@ class _Tracker:
         return particles
 
     def _search(self, scan: int, particles: Particles) -> Particles | None:
-        """Look for the robot in the whole map; what fits better elsewhere was lost."""
+        """Look for the robot in the whole map; what fits better elsewhere was lost.
+
+        A given start that is confirmed is no search for a robot that was lost.
+        """
         result = self._result
-        result.searches.append(int(self._log.stamps_ns[scan]))
         found = search_again(
             self._log, scan, particles.poses, self._pool, self._settings, self._random, self._executor
         )
+        if found is not None or self._verdict.is_in_doubt:
+            result.searches.append(int(self._log.stamps_ns[scan]))
         if found is None:
             return None
         self._verdict.found_elsewhere(found.times_clearly)

@@ -1,10 +1,12 @@
 """Lost, changed, or all well."""
 
 import numpy as np
+import pytest
 
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.localization.health import (
     DOUBT,
+    LOST,
     SEARCH_AFTER,
     SETTLED_AFTER,
     Novelties,
@@ -16,7 +18,7 @@ from dynmap_cli.localization.health import (
     scan_health,
 )
 from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.particle_filter import Estimate
+from dynmap_cli.localization.particle_filter import ONE_MODE_SHARE, Estimate
 from dynmap_cli.localization.places import LEAST_BEAMS, NovelPlaces, main_place
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -134,6 +136,18 @@ def test_verdicts():
         assert Verdict().judge(scan, where) == expected
 
 
+def test_the_measure_is_that_of_scans_and_of_what_lies_elsewhere():
+    verdict = Verdict()
+    assert verdict.judge(CALM, estimate()) == "tracking"
+    of_scans = verdict.measure
+    assert of_scans == lost_measure(CALM)
+    verdict.judge(CALM, estimate(share=ONE_MODE_SHARE))
+    assert verdict.measure == pytest.approx(of_scans + LOST)
+    verdict.judge(CALM, estimate())
+    verdict.found_elsewhere(2.0)
+    assert verdict.measure == pytest.approx(of_scans + 2.0 * LOST)
+
+
 def test_what_lies_where_the_map_knows_nothing_speaks_for_no_wrong_pose():
     assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 0.0, 0.0, 0.0, off_map=0.8)) == 0.0
     assert lost_measure(ScanHealth(0.2, 0.0, 0.8, 0.1, 0.0, 0.0, off_map=0.6)) > DOUBT
@@ -161,6 +175,12 @@ def test_one_bad_scan_among_six_is_no_loss_and_no_doubt():
     ]
     assert said[-1] == "tracking"
     assert not verdict.is_in_doubt
+
+
+def test_where_a_start_was_given_the_robot_is_searched_for_at_once():
+    patience = Patience(is_given=True)
+    assert patience.is_over(is_in_doubt=False)
+    assert not patience.is_over(is_in_doubt=False)
 
 
 def test_patience_grows_with_every_search_and_is_short_again_after_a_time_without_doubt():
