@@ -109,11 +109,11 @@ def walls_crossed(
     sensor_m: F64,
     directions_rad: F64,
     lengths_m: F64,
-    limits: F64,
+    least_sine: float,
     crossings_m: F64,
-    through: B1,
+    behind_m: F64,
 ) -> None:
-    """Write which beams go on behind the first surface that they cross, and where they cross it.
+    """Write where beams cross the first surface on their way, and how far behind it they end.
 
     Parameters
     ----------
@@ -124,18 +124,19 @@ def walls_crossed(
     sensor_m : (2,) float64
     directions_rad, lengths_m : (n,) float64
         In the map frame.
-    limits : (2,) float64
-        Sine of the least angle with a surface, and how far a beam goes on behind it at least, metres.
+    least_sine : float
+        Of the angle with a surface.
     crossings_m : (n, 2) float64
-        The sensor for beams that go through nothing.
-    through : (n,) bool
+        The sensor for beams that cross nothing.
+    behind_m : (n,) float64
+        -inf for beams that cross nothing.
     """
     x, y = (sensor_m[0] - cell[0]) / cell[2], (sensor_m[1] - cell[1]) / cell[2]
     for beam in range(directions_rad.size):
         dx, dy = math.cos(directions_rad[beam]), math.sin(directions_rad[beam])
-        _, crossed = first_crossing(surfaces, x, y, dx, dy, lengths_m[beam] / cell[2], limits[0])
-        through[beam] = crossed * cell[2] + limits[1] < lengths_m[beam]
-        distance = crossed * cell[2] if through[beam] else 0.0
+        _, crossed = first_crossing(surfaces, x, y, dx, dy, lengths_m[beam] / cell[2], least_sine)
+        behind_m[beam] = lengths_m[beam] - crossed * cell[2]
+        distance = crossed * cell[2] if math.isfinite(crossed) else 0.0
         crossings_m[beam, 0] = sensor_m[0] + distance * dx
         crossings_m[beam, 1] = sensor_m[1] + distance * dy
 
@@ -258,15 +259,27 @@ def explain_by_states(
 
 @kernel
 def sort_beams(
-    hits: B1, now: B1, other: B1, through: B1, in_free: B1, counts: I64, things: B1, openings: B1
+    hits: B1,
+    now: B1,
+    other: B1,
+    behind_m: F64,
+    in_free: B1,
+    limits: F64,
+    counts: I64,
+    things: B1,
+    openings: B1,
 ) -> None:
     """Count the beams with a return by what explains them, and write which show something that the map has not.
 
     Parameters
     ----------
-    hits, now, other, through, in_free : (n,) bool
-        Whether a beam hit something; its end is explained by the likeliest states, or by others only; it went
-        through a wall; it ends where the map is free.
+    hits, now, other, in_free : (n,) bool
+        Whether a beam hit something; its end is explained by the likeliest states, or by others only; it ends where
+        the map is free.
+    behind_m : (n,) float64
+        How far behind the first wall on its way it ends.
+    limits : (2,) float64
+        Metres behind a wall from which on a beam went through it, and from which on it shows an opening.
     counts : (7,) int64
         Beams that hit something; explained now, by others, and by none; of the last, those that went through
         a wall into the free, those that went through one to where the map knows nothing, and those that did neither
@@ -277,15 +290,64 @@ def sort_beams(
     counts[:] = 0
     for k in range(hits.size):
         unexplained = hits[k] and not (now[k] or other[k])
-        things[k] = unexplained and not through[k]
-        openings[k] = hits[k] and through[k]
+        through = behind_m[k] > limits[0]
+        things[k] = unexplained and not through
+        openings[k] = hits[k] and behind_m[k] > limits[1]
         counts[0] += hits[k]
         counts[1] += hits[k] and now[k]
         counts[2] += hits[k] and other[k]
         counts[3] += unexplained
-        counts[4] += unexplained and through[k] and in_free[k]
-        counts[5] += unexplained and through[k] and not in_free[k]
+        counts[4] += unexplained and through and in_free[k]
+        counts[5] += unexplained and through and not in_free[k]
         counts[6] += things[k] and not in_free[k]
+
+
+@kernel
+def _take_connected(open_cells: B1, row: int, col: int, reached: I64) -> int:
+    """Close the open cells that touch one another from (row, col) on, also at corners; write and count them."""
+    rows, cols = open_cells.shape
+    open_cells[row, col] = False
+    reached[0, 0], reached[0, 1] = row, col
+    count, done = 1, 0
+    while done < count:
+        row, col = reached[done, 0], reached[done, 1]
+        done += 1
+        for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+            for near_col in range(max(col - 1, 0), min(col + 2, cols)):
+                if open_cells[near_row, near_col]:
+                    open_cells[near_row, near_col] = False
+                    reached[count, 0], reached[count, 1] = near_row, near_col
+                    count += 1
+    return count
+
+
+@kernel
+def _seen_often(cells: I64, beams: I64, least_beams: float, out: B1) -> None:
+    """Write which points lie in cells that touch one another and hold so many beams together.
+
+    Parameters
+    ----------
+    cells : (n, 2) int64
+        Row and column of each point; -1 = outside.
+    beams : (rows, cols) int64
+        Points in each cell.
+    least_beams : float
+    out : (n,) bool
+    """
+    open_cells, is_often = beams > 0, np.zeros(beams.shape, dtype=np.bool_)
+    reached = np.empty((beams.size, 2), dtype=np.int64)
+    for k in range(cells.shape[0]):
+        row, col = cells[k, 0], cells[k, 1]
+        out[k] = False
+        if row < 0:
+            continue
+        if open_cells[row, col]:
+            count, total = _take_connected(open_cells, row, col, reached), 0
+            for part in range(count):
+                total += beams[reached[part, 0], reached[part, 1]]
+            for part in range(count):
+                is_often[reached[part, 0], reached[part, 1]] = total >= least_beams
+        out[k] = is_often[row, col]
 
 
 @kernel
@@ -295,6 +357,7 @@ def see_places(
     cells_at_once: int,
     now_s: float,
     limits: F64,
+    is_fixed: bool,
     first_s: F64,
     last_s: F64,
     out: B1,
@@ -302,7 +365,7 @@ def see_places(
     """Note when points were seen, by cells; write which of them belong to a thing that has stayed.
 
     Cells that touch belong to one thing, which is as old as its oldest cell. Only cells within the bounds of
-    the points are looked at.
+    the points and beside them are looked at.
 
     Parameters
     ----------
@@ -312,9 +375,11 @@ def see_places(
     cells_at_once : int
         Cells of the map along the edge of a cell here.
     now_s : float
-    limits : (3,) float64
-        Seconds after which a thing has stayed, and after which a cell that was not seen is forgotten; cells
-        of a thing at least.
+    limits : (4,) float64
+        Seconds after which a thing has stayed, and after which a cell that was not seen is forgotten; points that
+        touch one another at least, else they are not noted; cells of a thing at least.
+    is_fixed : bool
+        Whether cells that are seen take over the age of their thing.
     first_s, last_s : (rows, cols) float64
         When something was seen in each cell, first and last; -inf = never.
     out : (n,) bool
@@ -326,36 +391,41 @@ def see_places(
     for k in range(n):
         col = int(math.floor((points_m[k, 0] - cell[0]) / cell[2])) // cells_at_once
         row = int(math.floor((points_m[k, 1] - cell[1]) / cell[2])) // cells_at_once
-        if not (0 <= row < rows and 0 <= col < cols):
-            continue
-        cells[k, 0], cells[k, 1] = row, col
-        top, left, bottom, right = min(top, row), min(left, col), max(bottom, row), max(right, col)
-        if now_s - last_s[row, col] > limits[1]:
-            first_s[row, col] = now_s
-        last_s[row, col] = now_s
-    # 0 = not yet looked at, 1 = of a thing that has just come, 2 = of one that has stayed
-    verdicts = np.zeros((max(bottom - top + 1, 0), max(right - left + 1, 0)), dtype=np.uint8)
-    reached = np.empty((verdicts.size, 2), dtype=np.int64)
+        if 0 <= row < rows and 0 <= col < cols:
+            cells[k, 0], cells[k, 1] = row, col
+            top, left, bottom, right = min(top, row), min(left, col), max(bottom, row), max(right, col)
+    top, left, bottom, right = max(top - 1, 0), max(left - 1, 0), min(bottom + 2, rows), min(right + 2, cols)
+    beams = np.zeros((max(bottom - top, 0), max(right - left, 0)), dtype=np.int64)
     for k in range(n):
-        out[k] = False
-        if cells[k, 0] < 0:
+        if cells[k, 0] >= 0:
+            cells[k, 0] -= top
+            cells[k, 1] -= left
+            beams[cells[k, 0], cells[k, 1]] += 1
+    _seen_often(cells, beams, limits[2], out)
+    first, last = first_s[top:bottom, left:right], last_s[top:bottom, left:right]
+    for k in range(n):
+        if out[k]:
+            row, col = cells[k, 0], cells[k, 1]
+            if now_s - last[row, col] > limits[1]:
+                first[row, col] = now_s
+            last[row, col] = now_s
+    recent, stays = now_s - last <= limits[1], np.zeros(beams.shape, dtype=np.bool_)
+    reached = np.empty((beams.size, 2), dtype=np.int64)
+    for k in range(n):
+        if not out[k]:
             continue
-        if verdicts[cells[k, 0] - top, cells[k, 1] - left] == 0:
-            reached[0, 0], reached[0, 1] = cells[k, 0], cells[k, 1]
-            verdicts[cells[k, 0] - top, cells[k, 1] - left] = 1
-            count, done, oldest_s = 1, 0, 0.0
-            while done < count:
-                row, col = reached[done, 0], reached[done, 1]
-                oldest_s = max(oldest_s, last_s[row, col] - first_s[row, col])
-                done += 1
-                for near_row in range(max(row - 1, top), min(row + 1, bottom) + 1):
-                    for near_col in range(max(col - 1, left), min(col + 1, right) + 1):
-                        is_recent = now_s - last_s[near_row, near_col] <= limits[1]
-                        if is_recent and verdicts[near_row - top, near_col - left] == 0:
-                            verdicts[near_row - top, near_col - left] = 1
-                            reached[count, 0], reached[count, 1] = near_row, near_col
-                            count += 1
-            if oldest_s >= limits[0] and count >= limits[2]:
-                for part in range(count):
-                    verdicts[reached[part, 0] - top, reached[part, 1] - left] = 2
-        out[k] = verdicts[cells[k, 0] - top, cells[k, 1] - left] == 2
+        if recent[cells[k, 0], cells[k, 1]]:
+            count = _take_connected(recent, cells[k, 0], cells[k, 1], reached)
+            oldest_s, start_s = 0.0, now_s
+            for part in range(count):
+                row, col = reached[part, 0], reached[part, 1]
+                start_s = min(start_s, first[row, col])
+                oldest_s = max(oldest_s, last[row, col] - first[row, col])
+            if is_fixed:
+                oldest_s = now_s - start_s
+            for part in range(count):
+                row, col = reached[part, 0], reached[part, 1]
+                stays[row, col] = oldest_s >= limits[0] and count >= limits[3]
+                if is_fixed and last[row, col] == now_s:
+                    first[row, col] = start_s
+        out[k] = stays[cells[k, 0], cells[k, 1]]

@@ -15,8 +15,10 @@ SAME_PLACE_M = 1.5
 LEAST_UPDATES = 5
 """What was seen changed in fewer updates is not worth an update of the map."""
 MOST_NAMED = 5
-ANOTHER_PLACE = 1.6
-"""Median of the lost measure above which a recording is not of the place of the map."""
+ANOTHER_PLACE, ANOTHER_SHARE = 1.8, 0.2
+"""A recording is not of the place of the map if the lost measure of so large a share of its scans is above this. The
+robot is put where most of its scans fit, and places look alike; in its own place 8 % were the most among crowds and
+where walls had been torn down, in another 15 % the least."""
 
 
 @dataclass(slots=True)
@@ -77,8 +79,9 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
 
 
 def is_another_place(rows: Sequence[HealthRow]) -> bool:
-    """Whether a recording was not made in the place of the map: at least half of its scans contradict it."""
-    return bool(rows) and float(np.median([lost_measure(row.health) for row in rows])) > ANOTHER_PLACE
+    """Whether a recording was not made in the place of the map: a fifth of its scans or more contradict it."""
+    against = [lost_measure(row.health) > ANOTHER_PLACE for row in rows]
+    return bool(rows) and sum(against) >= ANOTHER_SHARE * len(rows)
 
 
 def _is_same(one: Place, other: Place) -> bool:

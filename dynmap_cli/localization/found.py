@@ -43,6 +43,8 @@ class HealthRow:
         Of the states of all sub-maps in view, added up.
     verdict : str
         tracking, changed or lost.
+    lost : float
+        How much speaks for a wrong pose, see `Verdict.measure`.
     """
 
     stamp_ns: int
@@ -51,6 +53,7 @@ class HealthRow:
     effective_particles: float
     patch_entropy_bits: float
     verdict: str
+    lost: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from dynmap_cli.localization.settings import LocalizationSettings
 
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
-CLEARLY_BETTER = 10.0
+CLEARLY_BETTER = 20.0
 """Tempered log-likelihood by which another place must beat the current one."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""
@@ -41,6 +41,22 @@ class Candidates:
 
     poses: F64
     scores: F64
+
+
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """A place that explains the scans clearly better than where a robot was believed to be.
+
+    Attributes
+    ----------
+    particles : Particles
+        Drawn there.
+    times_clearly : float
+        By how many times `CLEARLY_BETTER` it is better.
+    """
+
+    particles: Particles
+    times_clearly: float
 
 
 def is_usable(log: ScanLog, scan: int, settings: LocalizationSettings) -> bool:
@@ -76,12 +92,12 @@ def search_again(
     settings: LocalizationSettings,
     random: np.random.Generator,
     executor: ThreadPoolExecutor,
-) -> Particles | None:
+) -> Elsewhere | None:
     """Look for a lost robot in the whole map, under this scan and the next ones.
 
     Returns
     -------
-    Particles or None
+    Elsewhere or None
         None where nothing explains the scans clearly better than the *current* poses (n, 3), all beams and
         those alone that the map can judge from there: then the world has changed, or the robot is where the
         map knows little, and stays where it is believed to be.
@@ -96,11 +112,13 @@ def search_again(
     candidates = _judged(candidates, looks, pool, settings)
     here = rivals.poses[int(np.argmax(rivals.scores))]
     judged = [judged_look(look, here, pool) for look in looks]
+    better_by = math.inf
     for ways in (looks, judged):
         best, known = (_best_score(poses, ways, pool, settings) for poses in (candidates.poses, rivals.poses))
-        if best <= known + CLEARLY_BETTER:
+        better_by = min(better_by, best - known)
+        if better_by <= CLEARLY_BETTER:
             return None
-    return draw_start(candidates, settings, random)
+    return Elsewhere(draw_start(candidates, settings, random), better_by / CLEARLY_BETTER)
 
 
 def lattice_candidates(

@@ -19,9 +19,9 @@ import numpy as np
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.kernels.sweeps import are_marked, explain_by_states, sort_beams, walls_crossed
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.particle_filter import Estimate
+from dynmap_cli.localization.particle_filter import ONE_MODE_SHARE, Estimate
 from dynmap_cli.localization.places import OPENING_CELLS, NovelPlaces, Place, main_place
-from dynmap_cli.localization.states import LEAST_SINE, PlacedSweep
+from dynmap_cli.localization.states import BEYOND_M, LEAST_SINE, PlacedSweep
 
 OVERSHOOT_M = 0.5
 APART_M = 0.6
@@ -32,9 +32,10 @@ UNEXPLAINED_WEIGHT, THROUGH_WEIGHT, OPENED_WEIGHT = 5.0, 25.0, 5.0
 knows that nothing is, and that go through a wall and end where it knows nothing, as through a door that was shut."""
 LEAST_JUDGED = 0.25
 """A scan of which the map can judge a smaller share of the beams says nothing of the pose."""
-DOUBT, LOST = 1.2, 3.0
+DOUBT, LOST = 1.2, 2.5
 """Of the mean of the lost measure: from where on the map is searched for a better pose, and from where on
 the robot is lost even if there is none."""
+_BEHIND_M = np.array([OVERSHOOT_M, BEYOND_M])
 CHANGED_SHARE = 0.05
 SEARCH_AFTER = 3
 """Updates in a row in doubt before the whole map is searched; doubled after each search."""
@@ -86,7 +87,7 @@ class Novelties:
 
     def __init__(self, pool: MapPool) -> None:
         self.things = NovelPlaces(pool.frame)
-        self.openings = NovelPlaces(pool.frame, OPENING_CELLS)
+        self.openings = NovelPlaces(pool.frame, OPENING_CELLS, is_fixed=True)
 
 
 def scan_health(
@@ -105,9 +106,10 @@ def scan_health(
     now_s : float
     """
     now, other = _explained(placed.ends_m, pool, likeliest)
-    crossings, through = _walls_crossed(placed, pool)
-    counts, is_thing, is_opening = np.empty(7, dtype=np.int64), np.empty_like(through), np.empty_like(through)
-    sort_beams(placed.hits, now, other, through, _in_free(placed.ends_m, pool), counts, is_thing, is_opening)
+    crossings, behind_m = _walls_crossed(placed, pool)
+    counts, (is_thing, is_opening) = np.empty(7, dtype=np.int64), np.empty((2, now.size), dtype=np.bool_)
+    in_free = _in_free(placed.ends_m, pool)
+    sort_beams(placed.hits, now, other, behind_m, in_free, _BEHIND_M, counts, is_thing, is_opening)
     n_hits, explained, by_other, unexplained, into_free, opened, off_map = counts.tolist()
     n_hits = max(n_hits, 1)
     things = novelties.things.staying(placed.ends_m[is_thing], now_s)
@@ -125,23 +127,38 @@ def scan_health(
 
 
 class Verdict:
-    """Judges the last six scans together: tracking, changed or lost."""
+    """Judges the last six scans, the particles and the last search together: tracking, changed or lost."""
 
     def __init__(self) -> None:
         self._measures: deque[float] = deque(maxlen=SCANS)
+        self._elsewhere = 0.0
 
     @property
     def is_in_doubt(self) -> bool:
         """Whether the robot may be lost."""
         return self._mean() > DOUBT
 
+    @property
+    def measure(self) -> float:
+        """How much speaks for a wrong pose; the robot is lost above `LOST`.
+
+        The mean of the measures of the scans, and as much as makes the robot lost for each `1 - ONE_MODE_SHARE` of
+        the particles' weight that lies elsewhere, and for each `clearly_better` by which a search found a better place.
+        """
+        return self._mean() + LOST * self._elsewhere
+
     def judge(self, health: ScanHealth, estimate: Estimate) -> str:
         """Take one more scan into account."""
         if health.judged >= LEAST_JUDGED:
             self._measures.append(lost_measure(health))
-        if not estimate.is_one_mode or self._mean() > LOST:
+        self._elsewhere = (1.0 - estimate.share) / (1.0 - ONE_MODE_SHARE)
+        if self.measure > LOST:
             return "lost"
         return "changed" if health.changed > CHANGED_SHARE else "tracking"
+
+    def found_elsewhere(self, times_clearly: float) -> None:
+        """Take into account that a search found a place that is so many times clearly better."""
+        self._elsewhere += times_clearly
 
     def _mean(self) -> float:
         return sum(self._measures) / max(len(self._measures), 1)
@@ -157,13 +174,22 @@ def lost_measure(health: ScanHealth) -> float:
 
 
 class Patience:
-    """Counts updates in doubt until the whole map has to be searched."""
+    """Counts updates in doubt until the whole map has to be searched.
 
-    def __init__(self) -> None:
-        self._doubts, self._settled, self._patience = 0, 0, SEARCH_AFTER
+    Parameters
+    ----------
+    is_given : bool
+        Whether somebody else said where the robot starts: then it is searched for after the first update in any case.
+    """
+
+    def __init__(self, *, is_given: bool = False) -> None:
+        self._doubts, self._settled, self._patience, self._is_given = 0, 0, SEARCH_AFTER, is_given
 
     def is_over(self, *, is_in_doubt: bool) -> bool:
         """Take one more update into account."""
+        if self._is_given:
+            self._is_given = False
+            return True
         if not is_in_doubt:
             self._doubts, self._settled = 0, self._settled + 1
             if self._settled >= SETTLED_AFTER:
@@ -178,15 +204,16 @@ class Patience:
 
 def count_places_through(placed: PlacedSweep, pool: MapPool) -> int:
     """In how many places beams go through walls of the static map and end near nothing in any state."""
-    crossings, through = _walls_crossed(placed, pool)
-    through &= placed.hits
+    crossings, behind_m = _walls_crossed(placed, pool)
+    through = (behind_m > OVERSHOOT_M) & placed.hits
     now, other = _explained(placed.ends_m[through], pool, dict.fromkeys(range(len(pool.submaps)), 0))
     return _count_places(crossings[through][~(now | other)])
 
 
 def ends_off_map(placed: PlacedSweep, pool: MapPool) -> B1:
     """Which beams end near nothing in any state, through no wall, where the map knows nothing."""
-    _, through = _walls_crossed(placed, pool)
+    _, behind_m = _walls_crossed(placed, pool)
+    through = behind_m > OVERSHOOT_M
     now, other = _explained(placed.ends_m, pool, dict.fromkeys(range(len(pool.submaps)), 0))
     return placed.hits & ~(now | other | through | _in_free(placed.ends_m, pool))
 
@@ -216,18 +243,21 @@ def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tupl
     return now, other
 
 
-def _walls_crossed(placed: PlacedSweep, pool: MapPool) -> tuple[F64, B1]:
-    """Where beams cross the first static surface on their way (n, 2), and which overshoot it; else the sensor."""
+def _walls_crossed(placed: PlacedSweep, pool: MapPool) -> tuple[F64, F64]:
+    """Where each beam crosses the first static surface on its way (n, 2), and how far behind it ends (n,).
+
+    A beam that crosses none ends -inf behind it, and its point is the sensor.
+    """
     crossings = np.empty((placed.lengths_m.size, 2))
-    through = np.empty(placed.lengths_m.size, dtype=np.bool_)
+    behind_m = np.empty(placed.lengths_m.size)
     walls_crossed(
         pool.surfaces,
         pool.frame.corner,
         placed.sensor_m,
         placed.directions_rad,
         placed.lengths_m,
-        np.array([LEAST_SINE, OVERSHOOT_M]),
+        LEAST_SINE,
         crossings,
-        through,
+        behind_m,
     )
-    return crossings, through
+    return crossings, behind_m

@@ -16,6 +16,8 @@ from dynmap_cli.localization.map_pool import SubMapStates
 STAYS_S, FORGOTTEN_S = 5.0, 2.0
 COARSE_M = 0.2
 """Cells in which things are remembered."""
+LEAST_BEAMS = 3
+"""A thing is seen in a scan that meets it with so many beams: one may be a person's leg far away, or noise."""
 OPENING_CELLS = 3
 """An opening is at least as wide; at the end of a wall, beams that pass it closely cross a cell or two."""
 _BIN_M, _AROUND_M = 0.5, 0.75
@@ -59,10 +61,14 @@ class NovelPlaces:
     frame : GridFrame
     least_cells : int
         Cells that a thing has at least.
+    is_fixed : bool
+        Whether the things cannot move, as gaps in walls. Then a new part is as old as what it touches, also when the
+        older parts are out of sight; what can move would hand its age on along its way.
     """
 
-    def __init__(self, frame: GridFrame, least_cells: int = 1) -> None:
-        self._limits = np.array([STAYS_S, FORGOTTEN_S, least_cells])
+    def __init__(self, frame: GridFrame, least_cells: int = 1, *, is_fixed: bool = False) -> None:
+        self._limits = np.array([STAYS_S, FORGOTTEN_S, LEAST_BEAMS, least_cells])
+        self._is_fixed = is_fixed
         self._cell = max(round(COARSE_M / frame.resolution_m), 1)
         shape = (frame.rows // self._cell + 1, frame.cols // self._cell + 1)
         self._corner = frame.corner
@@ -74,7 +80,15 @@ class NovelPlaces:
         staying = np.empty(len(points_m), dtype=np.bool_)
         if staying.size:
             see_places(
-                points_m, self._corner, self._cell, now_s, self._limits, self._first_s, self._last_s, staying
+                points_m,
+                self._corner,
+                self._cell,
+                now_s,
+                self._limits,
+                self._is_fixed,
+                self._first_s,
+                self._last_s,
+                staying,
             )
         return staying
 

@@ -82,7 +82,7 @@ def _warn_of_losses(lost_share: float, rows: Sequence[HealthRow]) -> list[str]:
     """A robot that is lost for much of a recording is probably somewhere else."""
     if is_another_place(rows):
         return [
-            "this is not the place of the map: half of the scans contradict it wherever the robot is put; "
+            "this is not the place of the map: many of the scans contradict it wherever the robot is put; "
             "do not trust states and poses"
         ]
     if lost_share <= _MUCH_LOST:

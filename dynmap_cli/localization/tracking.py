@@ -92,11 +92,13 @@ def localize_log(
                 names = ", ".join(log.recordings_of(int(log.drive_index[scans[0]])))
                 result.warnings.append(f"{names}: no scan has enough returns")
                 continue
-            if settings.start is not None and scans[0] == 0:
+            is_given = settings.start is not None and scans[0] == 0
+            if is_given:
                 particles = given_start(np.array(settings.start), settings, random)
             else:
                 particles = global_start(log, first, pool, settings, random, executor)
-            _Tracker(log, pool, settings, random, executor, world, result).run(scans, first, particles, tick)
+            tracker = _Tracker(log, pool, settings, random, executor, world, result, is_given=is_given)
+            tracker.run(scans, first, particles, tick)
     if log.n_scans and not bool(np.isfinite(poses).any()):
         msg = (
             f"{', '.join(log.recordings)}: no scan has enough returns to be localized. Check the laser topic."
@@ -118,10 +120,16 @@ class _Tracker:
         executor: ThreadPoolExecutor,
         world: World,
         result: Localization,
+        *,
+        is_given: bool,
     ) -> None:
         self._log, self._pool, self._settings = log, pool, settings
         self._random, self._executor, self._world, self._result = random, executor, world, result
-        self._novelties, self._verdict, self._patience = Novelties(pool), Verdict(), Patience()
+        self._novelties, self._verdict, self._patience = (
+            Novelties(pool),
+            Verdict(),
+            Patience(is_given=is_given),
+        )
         self._velocity, self._has_odometry = np.zeros(3), log.has_odometry
         self._predicts = not bool(self._has_odometry.all())
         self._sweep: tuple[int, Sweep] | None = None
@@ -202,17 +210,23 @@ class _Tracker:
         return particles
 
     def _search(self, scan: int, particles: Particles) -> Particles | None:
-        """Look for the robot in the whole map; what fits better elsewhere was lost."""
+        """Look for the robot in the whole map; what fits better elsewhere was lost.
+
+        A given start that is confirmed is no search for a robot that was lost.
+        """
         result = self._result
-        result.searches.append(int(self._log.stamps_ns[scan]))
         found = search_again(
             self._log, scan, particles.poses, self._pool, self._settings, self._random, self._executor
         )
-        if found is not None:
-            result.health[-1] = replace(result.health[-1], verdict="lost")
-            self._verdict = Verdict()
-            self._choose_states(estimate_pose(found).share, SETTLED_SHARE)
-        return found
+        if found is not None or self._verdict.is_in_doubt:
+            result.searches.append(int(self._log.stamps_ns[scan]))
+        if found is None:
+            return None
+        self._verdict.found_elsewhere(found.times_clearly)
+        result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
+        self._verdict = Verdict()
+        self._choose_states(estimate_pose(found.particles).share, SETTLED_SHARE)
+        return found.particles
 
     def _choose_states(self, share: float, least_share: float) -> None:
         """Let each particle have states of its own while they do not agree on a place."""
@@ -303,6 +317,7 @@ class _Tracker:
                 effective_particles=particles.effective,
                 patch_entropy_bits=sum(entropy_bits(row.belief) for row in in_view),
                 verdict=self._verdict.judge(health, estimate),
+                lost=self._verdict.measure,
             )
         )
         if self._settings.save_particles:

@@ -12,9 +12,9 @@ import numpy as np
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.localization.changes import is_another_place
 from dynmap_cli.localization.found import Localization
 from dynmap_cli.localization.global_start import global_start
-from dynmap_cli.localization.health import lost_measure
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
@@ -46,9 +46,11 @@ class Judged:
         Whether the pose is right, and whether it is clearly wrong.
     verdicts : (n,) str
     measure : (n,) float64
-        The mean of the lost measure over six updates, as the verdict has it.
+        How much speaks for a wrong pose, as the verdict has it.
     is_changed : (n,) bool
         Whether more than 5 % of the returns show what the map has not.
+    is_elsewhere : bool
+        Whether it is said that the recording is not of the place of the map.
     searches : int
     cpu_s : float
     """
@@ -59,6 +61,7 @@ class Judged:
     verdicts: np.ndarray[tuple[int, ...], np.dtype[np.str_]]
     measure: F64
     is_changed: B1
+    is_elsewhere: bool
     searches: int
     cpu_s: float
 
@@ -152,15 +155,14 @@ def _judged(scene: Scene, found: Localization, cpu_s: float) -> Judged:
     log, true = scene.run.log, scene.run.true_poses
     rows = np.searchsorted(log.stamps_ns, [row.stamp_ns for row in found.health])
     poses = found.trajectory.poses[rows]
-    single = np.array([lost_measure(row.health) for row in found.health])
-    measure = np.array([single[max(k - 5, 0) : k + 1].mean() for k in range(single.size)])
     return Judged(
         seconds=(log.stamps_ns[rows] - log.stamps_ns[0]) * 1e-9,
         right=pose_is(poses, true[rows], RIGHT_M, RIGHT_DEG),
         wrong=~pose_is(poses, true[rows], WRONG_M, WRONG_DEG),
         verdicts=np.array([row.verdict for row in found.health]),
-        measure=measure,
+        measure=np.array([row.lost for row in found.health]),
         is_changed=scene.shifted_share[rows] > CHANGED_SHARE,
+        is_elsewhere=is_another_place(found.health),
         searches=len(found.searches),
         cpu_s=cpu_s,
     )
@@ -204,10 +206,11 @@ def _verdict_table(
             f"and {RIGHT_DEG:g} degrees. *Raised*: of the runs that are still lost after {RAISED_S:g} s or said so "
             "before, those that said `lost` by then. Changed in truth: more than 5 % of the returns show what the map "
             "has not, in view for 5 s. The area under the curve is that of the lost measure, of lost updates against "
-            "right ones of the first four kinds; lost ones are those until the search found the robot.",
+            "right ones of the first four kinds; lost ones are those until the search found the robot; where "
+            "the start is given, it looks after the first update. Another place: said of the recording as a whole.",
         ],
         ["scene", "right pose called lost", "raised", "called changed", "changed in truth", "precision", "recall",
-         "searches per run", "CPU s"],
+         "called another place", "searches per run", "CPU s"],
     )  # fmt: skip
     for kind, jobs in verdicts.items():
         table.add(kind, lambda jobs=jobs, kind=kind: _verdict_row([job.result() for job in jobs], kind))
@@ -232,6 +235,7 @@ def _verdict_row(runs: Sequence[Judged], kind: str) -> Row:
         "-" if is_lost else percent(float(true.mean())),
         precision,
         recall,
+        percent(float(np.mean([run.is_elsewhere for run in runs]))),
         f"{sum(run.searches for run in runs) / len(runs):.1f}",
         f"{sum(run.cpu_s for run in runs) / len(runs):.1f}",
     ]
@@ -246,6 +250,7 @@ def _total_row(well: Sequence[Judged], lost: Sequence[Judged]) -> Row:
         percent(float(said.mean())),
         percent(float(true.mean())),
         *_precision_recall(said, true),
+        percent(float(np.mean([run.is_elsewhere for run in [*well, *lost]]))),
         "",
         f"area under the curve {_area(well, lost):.4f}",
     ]

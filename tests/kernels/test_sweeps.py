@@ -85,14 +85,16 @@ def test_beams_go_through_the_surfaces_that_they_cross_before_they_end(seed):
     random = np.random.default_rng(seed)
     surfaces, sensor = surfaces_of(random, (9, 11)), random.uniform((0.9, -2.1), (1.6, -1.5))
     directions, lengths = random.uniform(-np.pi, np.pi, 6), random.uniform(0.0, 1.0, 6)
-    crossings, through = np.empty((6, 2)), np.empty(6, bool)
-    walls_crossed(surfaces, CELL, sensor, directions, lengths, np.array([0.34, 0.1]), crossings, through)
+    crossings, behind = np.empty((6, 2)), np.empty(6)
+    walls_crossed(surfaces, CELL, sensor, directions, lengths, 0.34, crossings, behind)
     x, y = (sensor - CELL[:2]) / 0.05
     for k in range(6):
         ahead = np.array([math.cos(directions[k]), math.sin(directions[k])])
         crossed = 0.05 * first_crossing(surfaces, x, y, ahead[0], ahead[1], lengths[k] / 0.05, 0.34)[1]
-        assert through[k] == (crossed + 0.1 < lengths[k])
-        np.testing.assert_allclose(crossings[k], sensor + (crossed if through[k] else 0.0) * ahead)
+        np.testing.assert_allclose(behind[k], lengths[k] - crossed)
+        np.testing.assert_allclose(
+            crossings[k], sensor + (crossed if math.isfinite(crossed) else 0.0) * ahead
+        )
 
 
 @given(st.integers(0, 10_000))
@@ -119,29 +121,32 @@ def test_what_a_scan_says_of_states_is_its_plain_twin(seed):
 @given(st.integers(0, 10_000), st.integers(0, 30))
 def test_every_beam_is_sorted_once(seed, n):
     random = np.random.default_rng(seed)
-    hits, now, other, through, in_free = random.random((5, n)) < 0.5
+    hits, now, other, in_free = random.random((4, n)) < 0.5
     other &= ~now
+    behind = np.where(random.random(n) < 0.3, -np.inf, random.uniform(-1.0, 2.0, n))
+    through = behind > 0.5
     counts, things, openings = np.empty(7, np.int64), np.empty(n, bool), np.empty(n, bool)
-    sort_beams(hits, now, other, through, in_free, counts, things, openings)
+    sort_beams(hits, now, other, behind, in_free, np.array([0.5, 0.3]), counts, things, openings)
     new = hits & ~(now | other)
     masks = (hits, hits & now, hits & other, new, new & through & in_free, new & through & ~in_free)
     expected = [int(mask.sum()) for mask in masks]
     assert counts.tolist() == [*expected, int((new & ~through & ~in_free).sum())]
     assert things.tolist() == (new & ~through).tolist()
-    assert openings.tolist() == (hits & through).tolist()
+    assert openings.tolist() == (hits & (behind > 0.3)).tolist()
 
 
-@given(st.integers(0, 10_000), st.integers(1, 3))
-def test_what_stays_is_its_plain_twin(seed, least_cells):
+@given(st.integers(0, 10_000), st.integers(1, 3), st.integers(1, 3), st.booleans())
+def test_what_stays_is_its_plain_twin(seed, least_beams, least_cells, is_fixed):
     random = np.random.default_rng(seed)
     first = np.full((8, 9), -np.inf)
     last, plain_first, plain_last = first.copy(), first.copy(), first.copy()
-    limits = np.array([2.5, 1.0, least_cells])
+    limits = np.array([2.5, 1.0, least_beams, least_cells])
     for step in range(8):
         points = random.uniform((0.9, -2.1), (2.0, -1.1), (int(random.integers(1, 12)), 2))
         out = np.empty(len(points), bool)
-        see_places(points, CELL, 2, 0.5 * step, limits, first, last, out)
-        assert out.tolist() == plain_staying(points, CELL, 2, 0.5 * step, limits, plain_first, plain_last)
+        see_places(points, CELL, 2, 0.5 * step, limits, is_fixed, first, last, out)
+        notes = plain_first, plain_last
+        assert out.tolist() == plain_staying(points, CELL, 2, 0.5 * step, limits, is_fixed, *notes)
         assert (first == plain_first).all()
         assert (last == plain_last).all()
 

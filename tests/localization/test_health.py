@@ -1,10 +1,12 @@
 """Lost, changed, or all well."""
 
 import numpy as np
+import pytest
 
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.localization.health import (
     DOUBT,
+    LOST,
     SEARCH_AFTER,
     SETTLED_AFTER,
     Novelties,
@@ -16,8 +18,8 @@ from dynmap_cli.localization.health import (
     scan_health,
 )
 from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.particle_filter import Estimate
-from dynmap_cli.localization.places import NovelPlaces, main_place
+from dynmap_cli.localization.particle_filter import ONE_MODE_SHARE, Estimate
+from dynmap_cli.localization.places import LEAST_BEAMS, NovelPlaces, main_place
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import place_sweep
@@ -70,20 +72,43 @@ def test_beams_seen_through_a_surface_count_only_beyond_it():
     assert evidence(True, SETTINGS, pool).through[0] == 0.0
 
 
+def beams_at(*points_m):
+    """Three beams on each point."""
+    return np.repeat(np.array(points_m), LEAST_BEAMS, axis=0)
+
+
 def test_what_stays_in_place_is_a_change_and_what_moves_is_not():
     stays, moves = NovelPlaces(FRAME), NovelPlaces(FRAME)
     for k in range(14):
-        staying = stays.see(np.array([[2.0, 2.0], [9.9, 9.9]]), 0.5 * k)
-        moving = moves.see(np.array([[0.3 * k, 2.0]]), 0.5 * k)
-    assert staying.tolist() == [True, False]
+        staying = stays.see(beams_at([2.0, 2.0], [9.9, 9.9]), 0.5 * k)
+        moving = moves.see(beams_at([0.3 * k, 2.0]), 0.5 * k)
+    assert staying.tolist() == [True] * 3 + [False] * 3
     assert not moving.any()
 
 
 def test_a_new_side_of_a_thing_is_as_old_as_the_thing():
     places = NovelPlaces(FRAME)
     for k in range(12):
-        places.see(np.array([[2.1, 2.1]]), 0.5 * k)
-    assert places.see(np.array([[2.1, 2.1], [2.3, 2.1], [3.5, 2.1]]), 6.0).tolist() == [True, True, False]
+        places.see(beams_at([2.1, 2.1]), 0.5 * k)
+    found = places.see(beams_at([2.1, 2.1], [2.3, 2.1], [3.5, 2.1]), 6.0)
+    assert found[::LEAST_BEAMS].tolist() == [True, True, False]
+
+
+def test_a_thing_is_seen_by_three_beams_that_end_side_by_side():
+    places = NovelPlaces(FRAME)
+    row = np.array([[2.1, 2.1], [2.3, 2.3], [2.5, 2.3], [4.0, 4.0], [4.0, 4.1]])
+    for k in range(12):
+        found = places.see(row, 0.5 * k)
+    assert found.tolist() == [True] * 3 + [False] * 2
+
+
+def test_a_gap_that_is_seen_piece_by_piece_is_as_old_as_its_first_piece_and_a_thing_is_not():
+    gap, thing = NovelPlaces(FRAME, is_fixed=True), NovelPlaces(FRAME)
+    for k in range(12):
+        along = beams_at([0.3 + 0.1 * k, 2.0])
+        in_gap, on_thing = gap.see(along, 0.5 * k), thing.see(along, 0.5 * k)
+    assert in_gap.all()
+    assert not on_thing.any()
 
 
 def test_the_place_of_a_change():
@@ -109,6 +134,18 @@ def test_verdicts():
         (CALM, "lost", estimate(share=0.5)),
     ):
         assert Verdict().judge(scan, where) == expected
+
+
+def test_the_measure_is_that_of_scans_and_of_what_lies_elsewhere():
+    verdict = Verdict()
+    assert verdict.judge(CALM, estimate()) == "tracking"
+    of_scans = verdict.measure
+    assert of_scans == lost_measure(CALM)
+    verdict.judge(CALM, estimate(share=ONE_MODE_SHARE))
+    assert verdict.measure == pytest.approx(of_scans + LOST)
+    verdict.judge(CALM, estimate())
+    verdict.found_elsewhere(2.0)
+    assert verdict.measure == pytest.approx(of_scans + 2.0 * LOST)
 
 
 def test_what_lies_where_the_map_knows_nothing_speaks_for_no_wrong_pose():
@@ -138,6 +175,12 @@ def test_one_bad_scan_among_six_is_no_loss_and_no_doubt():
     ]
     assert said[-1] == "tracking"
     assert not verdict.is_in_doubt
+
+
+def test_where_a_start_was_given_the_robot_is_searched_for_at_once():
+    patience = Patience(is_given=True)
+    assert patience.is_over(is_in_doubt=False)
+    assert not patience.is_over(is_in_doubt=False)
 
 
 def test_patience_grows_with_every_search_and_is_short_again_after_a_time_without_doubt():

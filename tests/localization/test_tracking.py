@@ -9,6 +9,7 @@ from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.localization.beam_model import with_beam_model
+from dynmap_cli.localization.health import LOST
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
@@ -77,6 +78,19 @@ def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads(run):
 def test_a_given_start_is_used(run):
     found = localize(run, log=run.log.select(slice(0, 80)), start=tuple(run.true_poses[0]))
     assert_close(found, run)
+
+
+def test_a_given_start_that_is_confirmed_is_no_search(run):
+    assert localize(run, log=run.log.select(slice(0, 5)), start=tuple(run.true_poses[0])).searches == []
+
+
+def test_a_wrong_start_is_lost_and_found_in_the_first_update(run):
+    found = localize(run, log=run.log.select(slice(0, 80)), start=(9.0, 7.0, 2.0))
+    assert found.searches == [found.health[0].stamp_ns]
+    assert [row.verdict == "lost" for row in found.health[:2]] == [True, False]
+    assert found.health[0].lost > LOST > found.health[1].lost
+    away_m, _ = pose_errors(found.trajectory.poses[5:], run.true_poses[5:80])
+    assert away_m.max() < 0.3
 
 
 def test_without_odometry_the_robot_goes_on_as_before(run):

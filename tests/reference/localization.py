@@ -92,8 +92,9 @@ def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, c
     return at_ends.sum(axis=1), through.sum(axis=1), int(told.sum())
 
 
-def plain_staying(points, cell, cells_at_once, now, limits, first, last):
+def plain_staying(points, cell, cells_at_once, now, limits, is_fixed, first, last):
     """Whether each point belongs to what has stayed; cells in view are labelled, notes are taken as in the kernel."""
+    around = np.ones((3, 3))
     places = [
         (
             math.floor((y - cell[1]) / cell[2]) // cells_at_once,
@@ -102,23 +103,32 @@ def plain_staying(points, cell, cells_at_once, now, limits, first, last):
         for x, y in points
     ]
     inside = [p for p in places if 0 <= p[0] < first.shape[0] and 0 <= p[1] < first.shape[1]]
+    beams = np.zeros(first.shape)
     for place in inside:
+        beams[place] += 1
+    groups, _ = ndimage.label(beams, around)
+    seen = {place for place in inside if beams[groups == groups[place]].sum() >= limits[2]}
+    for place in seen:
         if now - last[place] > limits[1]:
             first[place] = now
         last[place] = now
     if not inside:
         return [False] * len(places)
-    seen = np.zeros(first.shape, dtype=bool)
+    recent = np.zeros(first.shape, dtype=bool)
     (top, left), (bottom, right) = np.min(inside, axis=0), np.max(inside, axis=0)
-    window = np.s_[top : bottom + 1, left : right + 1]
-    seen[window] = now - last[window] <= limits[1]
-    things, _ = ndimage.label(seen, np.ones((3, 3)))
+    window = np.s_[max(top - 1, 0) : bottom + 2, max(left - 1, 0) : right + 2]
+    recent[window] = now - last[window] <= limits[1]
+    things, _ = ndimage.label(recent, around)
+    if is_fixed:
+        starts = {place: first[things == things[place]].min() for place in seen}
+        for place, start in starts.items():
+            first[place] = start
 
     def stays(place):
         thing = things == things[place]
-        return (last[thing] - first[thing]).max() >= limits[0] and thing.sum() >= limits[2]
+        return (last[thing] - first[thing]).max() >= limits[0] and thing.sum() >= limits[3]
 
-    return [place in inside and bool(stays(place)) for place in places]
+    return [place in seen and bool(stays(place)) for place in places]
 
 
 def plain_odometry_step(pose, step, noise, alphas):
