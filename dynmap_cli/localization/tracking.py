@@ -22,6 +22,7 @@ from dynmap_cli.localization.global_start import (
     search_again,
 )
 from dynmap_cli.localization.health import Novelties, Patience, Verdict, scan_health
+from dynmap_cli.localization.laser_odometry import LaserOdometry
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import (
     Motion,
@@ -126,6 +127,7 @@ class _Tracker:
         self._predicts = not bool(self._has_odometry.all())
         self._sweep: tuple[int, Sweep] | None = None
         self._carries_states = True
+        self._laser = LaserOdometry(log, settings)
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
@@ -177,6 +179,9 @@ class _Tracker:
         sweep = self._sweep_at(scan)
         weighing = weighing_of(sweep, self._pool, settings)
         before = particles.poses
+        motion = self._laser.improved(scan, motion)
+        if motion.sigmas is not None:
+            self._result.laser_motions[scan] = motion
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if self._carries_states:
@@ -211,6 +216,7 @@ class _Tracker:
         if found is not None:
             result.health[-1] = replace(result.health[-1], verdict="lost")
             self._verdict = Verdict()
+            self._laser.jumped()
             self._choose_states(estimate_pose(found).share, SETTLED_SHARE)
         return found
 
@@ -293,6 +299,12 @@ class _Tracker:
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )
         health = scan_health(placed, self._pool, likeliest, self._novelties, stamp * 1e-9)
+        verdict = self._verdict.judge(self._laser.excused(health), estimate)
+        self._laser.watch(
+            health,
+            is_in_doubt=self._verdict.is_in_doubt,
+            is_settled=_is_settled(estimate, ONE_MODE_SHARE),
+        )
         total = scan_log_likelihoods(self._pool.pool, self._pool.frame, estimate.pose[None, :], ends)
         result.states.extend(in_view)
         result.health.append(
@@ -302,7 +314,7 @@ class _Tracker:
                 log_likelihood_per_beam=float(total[0]) / max(ends.shape[0], 1),
                 effective_particles=particles.effective,
                 patch_entropy_bits=sum(entropy_bits(row.belief) for row in in_view),
-                verdict=self._verdict.judge(health, estimate),
+                verdict=verdict,
             )
         )
         if self._settings.save_particles:

@@ -1,0 +1,160 @@
+"""Odometry from the laser: where the map shows too little, each scan is matched against the robot's own before it.
+
+In rooms that were never mapped nothing corrects the odometry. There the front end of `map` goes along (Eq. 1.11): it
+matches the scans of the updates against a local map of the last ones, point to line, in a frame of its own. Only its
+steps are used, as a better odometry, so what the robot has drawn itself never speaks for a place in the map.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from dynmap_cli.arrays import F64
+from dynmap_cli.counting.counts import rays_of
+from dynmap_cli.domain.poses import between
+from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.registration import LOST
+from dynmap_cli.localization.health import SETTLED_AFTER, ScanHealth
+from dynmap_cli.localization.motion import Motion, motion_sigmas, turn_drive_turn
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.mapping.front_end import FrontEndParams, Matched, ScanMatcher, Sweeps
+from dynmap_cli.mapping.odometry import Calibration
+
+LEAST_JUDGED = 0.75
+"""Share of the beams of which the map must be able to say whether they fit; below, the laser goes along."""
+BEFORE = 10
+"""Updates before that from which on it is matched."""
+STAYS = 60
+"""Updates without such a scan after which the robot is back in the map."""
+SIGMA_M, SIGMA_RAD = 0.005, 0.001
+"""Noise of a step that was matched, however many beams matched: their errors are not independent."""
+LOOSE = Calibration(turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3)
+"""Of odometry that nobody has calibrated."""
+PARAMS = FrontEndParams(n_keys=500, reach_m=50.0)
+_CAPACITY = 256
+
+
+class LaserOdometry:
+    """The laser of one drive as its odometry, while it is needed."""
+
+    def __init__(self, log: ScanLog, settings: LocalizationSettings) -> None:
+        self._log, self._settings = log, settings
+        self._stay: _Stay | None = None
+        self._before: deque[tuple[int, Motion]] = deque(maxlen=BEFORE)
+        self._judged = self._settled = 0
+
+    def improved(self, scan: int, motion: Motion) -> Motion:
+        """The motion from the last update to a scan, better where the laser goes along and its scans match."""
+        self._before.append((scan, motion))
+        return motion if self._stay is None else self._match(*self._before[-1])
+
+    def excused(self, health: ScanHealth) -> ScanHealth:
+        """The health of a scan, in which what stands in the open speaks no longer against the pose.
+
+        It does not once the robot came from where it was settled, scan by scan, into a place where the map shows too
+        little: what its own scans show there is the room, and no other place. Walls that beams go through still count.
+        """
+        if self._stay is None or self._settled < SETTLED_AFTER:
+            return health
+        return replace(health, off_map=health.unexplained - health.through - health.opened)
+
+    def watch(self, health: ScanHealth, *, is_in_doubt: bool, is_settled: bool) -> None:
+        """Note how an update went; begin where the map can judge too few beams, and end where that is over.
+
+        Only particles that agree on a place are led by the laser: others need their noise to find together.
+        """
+        self._settled = 0 if is_in_doubt else self._settled + 1
+        self._judged = 0 if health.judged < LEAST_JUDGED else self._judged + 1
+        if self._judged >= STAYS:
+            self._stay = None
+        elif self._judged == 0 and self._stay is None and is_settled:
+            self._stay = _Stay(self._log, self._settings)
+            for scan, motion in self._before:
+                self._match(scan, motion)
+
+    def jumped(self) -> None:
+        """The robot was found elsewhere: it was not where it seemed to be settled."""
+        self._stay, self._settled = None, 0
+
+    def _match(self, scan: int, motion: Motion) -> Motion:
+        """Match a scan with those before it; a robot whose scan fits nowhere may have been carried."""
+        assert self._stay is not None
+        found = self._stay.match(scan, motion)
+        if found is None:
+            self._settled = 0
+            return motion
+        return found
+
+
+class _Stay:
+    """The scans of the updates outside the map, and where they were made, in a frame of their own."""
+
+    def __init__(self, log: ScanLog, settings: LocalizationSettings) -> None:
+        self._log, self._settings = log, settings
+        self._matcher = ScanMatcher(rays_of(log, settings.laser_max_range), LOOSE, PARAMS)
+        self._count = 0
+        self._sweeps, self._found = _empty_sweeps(_CAPACITY, log.n_beams), Matched.empty(_CAPACITY)
+        self._has_motion = np.zeros(_CAPACITY, dtype=np.uint8)
+
+    def match(self, scan: int, motion: Motion) -> Motion | None:
+        """Match one more scan; the motion to it from the one before, None if it fits nowhere."""
+        row = self._count
+        if row == self._has_motion.size:
+            self._grow()
+        log, sweeps, found = self._log, self._sweeps, self._found
+        sweeps.ranges_m[row] = log.ranges_m[scan]
+        sweeps.geometry_index[row] = log.geometry_index[scan]
+        sweeps.times_s[row] = log.stamps_ns[scan] * 1e-9
+        sweeps.odometry[row] = motion.step
+        self._has_motion[row] = motion.measured
+        self._matcher.match(row, row + 1, sweeps, sweeps.odometry, self._has_motion, found)
+        self._count += 1
+        if row == 0:
+            return motion
+        if bool(found.flags[row] & LOST):
+            return None
+        step = between(found.poses[row - 1], found.poses[row])
+        return Motion(step, measured=True, sigmas=self._sigmas(row, step, motion))
+
+    def _sigmas(self, row: int, step: F64, motion: Motion) -> F64:
+        """Noise along and across the way and of the yaw: of odometry and match together.
+
+        Along a bare corridor the match says nothing, and what the odometry says is all that is known.
+        """
+        direction, length, _ = turn_drive_turn(step, 0.0)
+        heading = self._found.poses[row - 1, 2] + direction
+        cos, sin = math.cos(heading), math.sin(heading)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        first, along, across, last = motion_sigmas(motion, self._settings)
+        before = np.diag(
+            [1.0 / along**2, 1.0 / (across**2 + (length * first) ** 2), 1.0 / (first**2 + last**2)]
+        )
+        covariance = np.linalg.inv(turn.T @ self._found.information[row] @ turn + before)
+        return np.asarray(np.hypot(np.sqrt(np.diag(covariance)), (SIGMA_M, SIGMA_M, SIGMA_RAD)))
+
+    def _grow(self) -> None:
+        """Make room for twice as many scans."""
+        size = 2 * self._count
+        sweeps, found = _empty_sweeps(size, self._log.n_beams), Matched.empty(size)
+        has_motion = np.zeros(size, dtype=np.uint8)
+        for old, new in ((self._sweeps, sweeps), (self._found, found)):
+            for name in type(old).__dataclass_fields__:
+                getattr(new, name)[: self._count] = getattr(old, name)
+        has_motion[: self._count] = self._has_motion
+        self._sweeps, self._found, self._has_motion = sweeps, found, has_motion
+
+
+def _empty_sweeps(n_scans: int, n_beams: int) -> Sweeps:
+    """Room for scans whose beams nobody has weighed."""
+    return Sweeps(
+        ranges_m=np.full((n_scans, n_beams), np.nan, dtype=np.float32),
+        weights=np.full((n_scans, n_beams), np.nan, dtype=np.float32),
+        geometry_index=np.zeros(n_scans, dtype=np.int32),
+        odometry=np.zeros((n_scans, 3)),
+        times_s=np.zeros(n_scans),
+        drive_index=np.zeros(n_scans, dtype=np.int32),
+    )
