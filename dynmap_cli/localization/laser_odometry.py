@@ -1,15 +1,12 @@
-"""Odometry from the laser: where the map shows too little, each scan is matched against the robot's own before it.
+"""Odometry from the laser: each scan is matched against the robot's own scans before it, as by the front end of `map`.
 
-In rooms that were never mapped nothing corrects the odometry. There the front end of `map` goes along (Eq. 1.11): it
-matches the scans of the updates against a local map of the last ones, point to line, in a frame of its own. Only its
-steps are used, as a better odometry, so what the robot has drawn itself never speaks for a place in the map.
+Point to line on a local map of hit centroids (Eq. 1.11): unlike a fit in a smoothed field, it does not drag the pose
+along corridors. The odometry is the prior.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,80 +15,22 @@ from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.registration import LOST
-from dynmap_cli.localization.health import SETTLED_AFTER, ScanHealth
 from dynmap_cli.localization.motion import Motion, motion_sigmas, turn_drive_turn
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.mapping.front_end import FrontEndParams, Matched, ScanMatcher, Sweeps
 from dynmap_cli.mapping.odometry import Calibration
 
-LEAST_JUDGED = 0.75
-"""Share of the beams of which the map must be able to say whether they fit; below, the laser goes along."""
-BEFORE = 10
-"""Updates before that from which on it is matched."""
-STAYS = 60
-"""Updates without such a scan after which the robot is back in the map."""
 SIGMA_M, SIGMA_RAD = 0.005, 0.001
 """Noise of a step that was matched, however many beams matched: their errors are not independent."""
 LOOSE = Calibration(turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3)
 """Of odometry that nobody has calibrated."""
 PARAMS = FrontEndParams(n_keys=500, reach_m=50.0)
+"""The local map holds whole rooms, so that who drives about in them does not drift."""
 _CAPACITY = 256
 
 
 class LaserOdometry:
-    """The laser of one drive as its odometry, while it is needed."""
-
-    def __init__(self, log: ScanLog, settings: LocalizationSettings) -> None:
-        self._log, self._settings = log, settings
-        self._stay: _Stay | None = None
-        self._before: deque[tuple[int, Motion]] = deque(maxlen=BEFORE)
-        self._judged = self._settled = 0
-
-    def improved(self, scan: int, motion: Motion) -> Motion:
-        """The motion from the last update to a scan, better where the laser goes along and its scans match."""
-        self._before.append((scan, motion))
-        return motion if self._stay is None else self._match(*self._before[-1])
-
-    def excused(self, health: ScanHealth) -> ScanHealth:
-        """The health of a scan, in which what stands in the open speaks no longer against the pose.
-
-        It does not once the robot came from where it was settled, scan by scan, into a place where the map shows too
-        little: what its own scans show there is the room, and no other place. Walls that beams go through still count.
-        """
-        if self._stay is None or self._settled < SETTLED_AFTER:
-            return health
-        return replace(health, off_map=health.unexplained - health.through - health.opened)
-
-    def watch(self, health: ScanHealth, *, is_in_doubt: bool, is_settled: bool) -> None:
-        """Note how an update went; begin where the map can judge too few beams, and end where that is over.
-
-        Only particles that agree on a place are led by the laser: others need their noise to find together.
-        """
-        self._settled = 0 if is_in_doubt else self._settled + 1
-        self._judged = 0 if health.judged < LEAST_JUDGED else self._judged + 1
-        if self._judged >= STAYS:
-            self._stay = None
-        elif self._judged == 0 and self._stay is None and is_settled:
-            self._stay = _Stay(self._log, self._settings)
-            for scan, motion in self._before:
-                self._match(scan, motion)
-
-    def jumped(self) -> None:
-        """The robot was found elsewhere: it was not where it seemed to be settled."""
-        self._stay, self._settled = None, 0
-
-    def _match(self, scan: int, motion: Motion) -> Motion:
-        """Match a scan with those before it; a robot whose scan fits nowhere may have been carried."""
-        assert self._stay is not None
-        found = self._stay.match(scan, motion)
-        if found is None:
-            self._settled = 0
-            return motion
-        return found
-
-
-class _Stay:
-    """The scans of the updates outside the map, and where they were made, in a frame of their own."""
+    """The scans of some updates in a row, and where they were made, in a frame of their own."""
 
     def __init__(self, log: ScanLog, settings: LocalizationSettings) -> None:
         self._log, self._settings = log, settings

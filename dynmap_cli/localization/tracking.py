@@ -22,7 +22,6 @@ from dynmap_cli.localization.global_start import (
     search_again,
 )
 from dynmap_cli.localization.health import Novelties, Patience, Verdict, scan_health
-from dynmap_cli.localization.laser_odometry import LaserOdometry
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.motion import (
     Motion,
@@ -52,6 +51,7 @@ from dynmap_cli.localization.states import (
     state_evidence,
     update_belief,
 )
+from dynmap_cli.localization.unmapped import Unmapped
 from dynmap_cli.localization.weighing import Weighing, weighing_of
 from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
@@ -127,7 +127,7 @@ class _Tracker:
         self._predicts = not bool(self._has_odometry.all())
         self._sweep: tuple[int, Sweep] | None = None
         self._carries_states = True
-        self._laser = LaserOdometry(log, settings)
+        self._unmapped = Unmapped(log, pool, settings)
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
@@ -177,11 +177,12 @@ class _Tracker:
         settings, stamp = self._settings, int(self._log.stamps_ns[scan])
         seconds = (stamp - int(self._log.stamps_ns[updated])) * 1e-9
         sweep = self._sweep_at(scan)
-        weighing = weighing_of(sweep, self._pool, settings)
         before = particles.poses
-        motion = self._laser.improved(scan, motion)
+        motion = self._unmapped.improved(scan, motion)
         if motion.sigmas is not None:
             self._result.laser_motions[scan] = motion
+        every_end = weighing_of(sweep, self._pool, settings)
+        weighing = self._unmapped.weighed(every_end, motion)
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if self._carries_states:
@@ -196,7 +197,7 @@ class _Tracker:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
-        self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
+        self._remember(scan, placed, every_end.ends_m, particles, estimate, in_view)
         self._choose_states(estimate.share, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
         if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
             found = self._search(scan, particles)
@@ -216,7 +217,7 @@ class _Tracker:
         if found is not None:
             result.health[-1] = replace(result.health[-1], verdict="lost")
             self._verdict = Verdict()
-            self._laser.jumped()
+            self._unmapped.jumped()
             self._choose_states(estimate_pose(found).share, SETTLED_SHARE)
         return found
 
@@ -299,12 +300,9 @@ class _Tracker:
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )
         health = scan_health(placed, self._pool, likeliest, self._novelties, stamp * 1e-9)
-        verdict = self._verdict.judge(self._laser.excused(health), estimate)
-        self._laser.watch(
-            health,
-            is_in_doubt=self._verdict.is_in_doubt,
-            is_settled=_is_settled(estimate, ONE_MODE_SHARE),
-        )
+        verdict = self._verdict.judge(self._unmapped.excused(health), estimate)
+        settled_at = estimate.pose if _is_settled(estimate, ONE_MODE_SHARE) else None
+        self._unmapped.watch(health, settled_at, is_in_doubt=self._verdict.is_in_doubt)
         total = scan_log_likelihoods(self._pool.pool, self._pool.frame, estimate.pose[None, :], ends)
         result.states.extend(in_view)
         result.health.append(
