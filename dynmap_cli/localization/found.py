@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.health import ScanHealth
+from dynmap_cli.localization.motion import Motion
 from dynmap_cli.localization.particle_filter import Particles
 from dynmap_cli.localization.pose_rows import PoseRow
 
@@ -75,6 +76,8 @@ class Localization:
         Weighted particles of every update; empty unless they are asked for.
     warnings : list of str
         What was left out, one sentence each.
+    laser_motions : dict of int to Motion
+        From the update before, to the scan of an update, where its scans were matched; else that of the odometry.
     """
 
     trajectory: Trajectory
@@ -84,3 +87,4 @@ class Localization:
     searches: list[int]
     clouds: list[tuple[int, Particles]]
     warnings: list[str]
+    laser_motions: dict[int, Motion] = field(default_factory=dict)

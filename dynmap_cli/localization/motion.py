@@ -30,10 +30,13 @@ class Motion:
         Pose now seen from the pose then: x, y in metres, yaw in radians.
     measured : bool
         True from odometry, False where it is a prediction.
+    sigmas : (3,) float64 or None
+        Noise along and across the way in metres, and of the yaw in radians; None = that of the settings.
     """
 
     step: F64
     measured: bool
+    sigmas: F64 | None = None
 
 
 def sample_motion(
@@ -43,19 +46,34 @@ def sample_motion(
 
     The drift of every update has no direction, so it is added to the noise along and across the way.
     """
-    step, drift_m, drift_rad = motion.step, settings.drift_sigma_m, settings.drift_sigma_rad
-    first, length, last = turn_drive_turn(step, SHORTEST_STEP_M if motion.measured else 0.0)
-    if motion.measured:
-        sigmas = odometry_sigmas(first, length, last, settings)
-    else:
-        sigma_m = settings.prediction_sigma_m + SHARE_OF_STEP * length
-        sigma_rad = settings.prediction_sigma_rad + SHARE_OF_STEP * abs(float(step[2]))
-        sigmas = 0.0, sigma_m, sigma_m, sigma_rad
-    all_sigmas = np.hypot(sigmas, (0.0, drift_m, drift_m, drift_rad))
+    first, length, last = _turn_drive_turn_of(motion)
+    all_sigmas = np.asarray(motion_sigmas(motion, settings))
     noise = random.standard_normal((4, poses.shape[0]))
     out = np.empty(poses.shape)
     move_poses(np.ascontiguousarray(poses), np.array([first, last]), length, all_sigmas, noise, out)
     return out
+
+
+def motion_sigmas(motion: Motion, settings: LocalizationSettings) -> tuple[float, float, float, float]:
+    """Noise of the first turn, along and across the way, and of the last turn."""
+    if motion.sigmas is not None:
+        along, across, yaw = motion.sigmas.tolist()
+        return 0.0, along, across, yaw
+    first, length, last = _turn_drive_turn_of(motion)
+    drift_m, drift_rad = settings.drift_sigma_m, settings.drift_sigma_rad
+    if motion.measured:
+        sigmas = odometry_sigmas(first, length, last, settings)
+    else:
+        sigma_m = settings.prediction_sigma_m + SHARE_OF_STEP * length
+        sigma_rad = settings.prediction_sigma_rad + SHARE_OF_STEP * abs(float(motion.step[2]))
+        sigmas = 0.0, sigma_m, sigma_m, sigma_rad
+    first, along, across, yaw = np.hypot(sigmas, (0.0, drift_m, drift_m, drift_rad)).tolist()
+    return first, along, across, yaw
+
+
+def _turn_drive_turn_of(motion: Motion) -> tuple[float, float, float]:
+    """The step in three parts; what was measured to be shorter than odometry can tell has no direction."""
+    return turn_drive_turn(motion.step, SHORTEST_STEP_M if motion.measured else 0.0)
 
 
 def turn_drive_turn(step: F64, shortest_m: float) -> tuple[float, float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -65,7 +65,7 @@ def smooth(log: ScanLog, pool: MapPool, found: Localization, settings: Localizat
     rows = smooth_states(found.states, pool)
     smoothed = poses.copy()
     for part in _drives(log, nodes):
-        chain = _Chain(log, pool, settings, nodes[part], rows)
+        chain = _Chain(log, pool, settings, nodes[part], rows, found.laser_motions)
         smoothed[part] = chain.likeliest(poses[part])
     moved = np.hypot(*(smoothed - poses)[:, :2].T) > MOVED_M
     wrong = {found.poses[k].stamp_ns for k in np.flatnonzero(moved)}
@@ -85,6 +85,7 @@ class _Chain:
         settings: LocalizationSettings,
         scans: I64,
         states: Sequence[StateRow],
+        laser_motions: Mapping[int, Motion],
     ) -> None:
         self._pool, self._settings = pool, settings
         self._stamps = log.stamps_ns[scans]
@@ -99,6 +100,7 @@ class _Chain:
         self._filtered = np.empty((0, 3))
         self._measured: B1 = np.asarray(np.isfinite(log.odometry[scans]).all(axis=1))
         self._odometry = log.odometry[scans]
+        self._laser_motions = [laser_motions.get(int(scan)) for scan in scans[1:]]
 
     def likeliest(self, poses: F64) -> F64:
         """The path: first the right place throughout, then the likeliest poses there."""
@@ -110,10 +112,11 @@ class _Chain:
         steps, measured = self._steps(poses)
         poses = self._led_back(poses, steps, measured)
         steps, measured = self._steps(poses)
-        links = [
-            Link(step, _information(Motion(step, measured=bool(is_measured)), self._settings))
-            for step, is_measured in zip(steps, measured, strict=True)
+        motions = [
+            Motion(step, measured=bool(is_measured)) if by_laser is None else by_laser
+            for step, is_measured, by_laser in zip(steps, measured, self._laser_motions, strict=True)
         ]
+        links = [Link(motion.step, _information(motion, self._settings)) for motion in motions]
         result = poses.copy()
         cuts = np.flatnonzero(_is_jump(between(steps, between(poses[:-1], poses[1:])))) + 1
         for part in np.split(np.arange(poses.shape[0]), cuts):
@@ -122,10 +125,13 @@ class _Chain:
         return result
 
     def _steps(self, poses: F64) -> tuple[F64, B1]:
-        """Motions (n - 1, 3) between the nodes and whether odometry measured them; else those of the filter."""
+        """Motions (n - 1, 3) between the nodes and whether they were measured; else those of the filter."""
         measured: B1 = np.logical_and(self._measured[:-1], self._measured[1:])
         steps = between(poses[:-1], poses[1:])
         steps[measured] = between(self._odometry[:-1], self._odometry[1:])[measured]
+        for k, motion in enumerate(self._laser_motions):
+            if motion is not None:
+                steps[k], measured[k] = motion.step, True
         return steps, measured
 
     def _led_back(self, poses: F64, steps: F64, measured: B1) -> F64:

@@ -51,6 +51,7 @@ from dynmap_cli.localization.states import (
     state_evidence,
     update_belief,
 )
+from dynmap_cli.localization.unmapped import Unmapped
 from dynmap_cli.localization.weighing import Weighing, weighing_of
 from dynmap_cli.localization.world import World
 from dynmap_cli.progress import Tick, no_tick
@@ -134,6 +135,7 @@ class _Tracker:
         self._predicts = not bool(self._has_odometry.all())
         self._sweep: tuple[int, Sweep] | None = None
         self._carries_states = True
+        self._unmapped = Unmapped(log, pool, settings)
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
@@ -183,8 +185,12 @@ class _Tracker:
         settings, stamp = self._settings, int(self._log.stamps_ns[scan])
         seconds = (stamp - int(self._log.stamps_ns[updated])) * 1e-9
         sweep = self._sweep_at(scan)
-        weighing = weighing_of(sweep, self._pool, settings)
         before = particles.poses
+        motion = self._unmapped.improved(scan, motion)
+        if motion.sigmas is not None:
+            self._result.laser_motions[scan] = motion
+        every_end = weighing_of(sweep, self._pool, settings)
+        weighing = self._unmapped.weighed(every_end, motion)
         if scan != updated:
             particles = replace(particles, poses=sample_motion(before, motion, settings, self._random))
         if self._carries_states:
@@ -199,7 +205,7 @@ class _Tracker:
             self._velocity = updated_velocity(
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
-        self._remember(scan, placed, weighing.ends_m, particles, estimate, in_view)
+        self._remember(scan, placed, every_end.ends_m, particles, estimate, in_view)
         self._choose_states(estimate.share, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
         if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
             found = self._search(scan, particles)
@@ -225,6 +231,7 @@ class _Tracker:
         self._verdict.found_elsewhere(found.times_clearly)
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
         self._verdict = Verdict()
+        self._unmapped.jumped()
         self._choose_states(estimate_pose(found.particles).share, SETTLED_SHARE)
         return found.particles
 
@@ -307,6 +314,9 @@ class _Tracker:
             self._world.near(estimate.pose[:2], self._settings.laser_max_range), stamp
         )
         health = scan_health(placed, self._pool, likeliest, self._novelties, stamp * 1e-9)
+        verdict = self._verdict.judge(self._unmapped.excused(health), estimate)
+        settled_at = estimate.pose if _is_settled(estimate, ONE_MODE_SHARE) else None
+        self._unmapped.watch(health, settled_at, is_in_doubt=self._verdict.is_in_doubt)
         total = scan_log_likelihoods(self._pool.pool, self._pool.frame, estimate.pose[None, :], ends)
         result.states.extend(in_view)
         result.health.append(
@@ -316,7 +326,7 @@ class _Tracker:
                 log_likelihood_per_beam=float(total[0]) / max(ends.shape[0], 1),
                 effective_particles=particles.effective,
                 patch_entropy_bits=sum(entropy_bits(row.belief) for row in in_view),
-                verdict=self._verdict.judge(health, estimate),
+                verdict=verdict,
                 lost=self._verdict.measure,
             )
         )

@@ -193,6 +193,100 @@ class Registered:
     is_wide: B1
 
 
+@dataclass(frozen=True, slots=True)
+class Matched:
+    """What matching fills, one row per scan; see `register_scans`.
+
+    Attributes
+    ----------
+    poses : (n_scans, 3) float64
+    shares : (n_scans,) float64
+    information : (n_scans, 3, 3) float64
+    twists : (n_scans, 3) float64
+    flags : (n_scans,) uint8
+    """
+
+    poses: F64
+    shares: F64
+    information: F64
+    twists: F64
+    flags: U8
+
+    @classmethod
+    def empty(cls, n_scans: int) -> Matched:
+        """Rows of zeros."""
+        return cls(
+            np.zeros((n_scans, 3)),
+            np.zeros(n_scans),
+            np.zeros((n_scans, 3, 3)),
+            np.zeros((n_scans, 3)),
+            np.zeros(n_scans, dtype=np.uint8),
+        )
+
+
+class ScanMatcher:
+    """The local map of the last key scans, against which scan after scan is matched."""
+
+    def __init__(self, rays: Rays, calibration: Calibration, params: FrontEndParams) -> None:
+        self._rays, self._numbers = rays, params.numbers(calibration)
+        self._sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
+        self._lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
+        self._stale = np.zeros((SIZE, SIZE), dtype=np.uint8)
+        self._field = np.zeros((SIZE, SIZE), dtype=np.uint8)
+        self._ring, self._state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(3, dtype=np.int64)
+        self._ring_points = np.zeros((_RING_CAPACITY, rays.directions.shape[1], 2))
+        self._ring_weights = np.zeros(self._ring_points.shape[:2])
+        self._ring_counts = np.zeros(_RING_CAPACITY, dtype=np.int64)
+        self._laser_index = rays.laser_index
+        self._last_keys = np.full(self._laser_index.max() + 1, -1, dtype=np.int64)
+
+    def match(
+        self, first: int, last: int, sweeps: Sweeps, motion: F64, has_motion: U8, found: Matched
+    ) -> None:
+        """Match the scans from *first* to before *last*; those before them have been matched.
+
+        Parameters
+        ----------
+        sweeps : Sweeps
+        motion : (n_scans, 3) float64
+            Steps of the odometry.
+        has_motion : (n_scans,) uint8
+            0 where it says nothing: constant velocity is used.
+        found : Matched
+            Its rows are filled.
+        """
+        register_scans(
+            first,
+            last,
+            *sweeps.read(slice(first, last)),
+            sweeps.geometry_index,
+            self._rays.directions,
+            self._rays.sensor_poses,
+            self._rays.usable_m,
+            self._rays.beam_interval_s,
+            sweeps.times_s,
+            motion,
+            has_motion,
+            self._numbers,
+            self._sums,
+            self._lines,
+            self._stale,
+            self._field,
+            self._laser_index,
+            self._last_keys,
+            self._ring,
+            self._ring_points,
+            self._ring_weights,
+            self._ring_counts,
+            self._state,
+            found.poses,
+            found.shares,
+            found.information,
+            found.twists,
+            found.flags,
+        )
+
+
 def register(
     sweeps: Sweeps,
     rays: Rays,
@@ -216,51 +310,19 @@ def register(
         Told the number of scans done.
     """
     n_scans = sweeps.n_scans
+    matcher, found = ScanMatcher(rays, calibration, params), Matched.empty(n_scans)
     has_motion: U8 = np.asarray(np.isfinite(motion).all(axis=1)).astype(np.uint8)
-    sums = np.zeros((SIZE, SIZE, 3), dtype=np.int64)
-    lines = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
-    stale, field = np.zeros((SIZE, SIZE), dtype=np.uint8), np.zeros((SIZE, SIZE), dtype=np.uint8)
-    ring, state = np.zeros(_RING_CAPACITY, dtype=np.int64), np.zeros(3, dtype=np.int64)
-    ring_points = np.zeros((_RING_CAPACITY, sweeps.n_beams, 2))
-    ring_weights, ring_counts = np.zeros(ring_points.shape[:2]), np.zeros(_RING_CAPACITY, dtype=np.int64)
-    laser_index = rays.laser_index
-    last_keys = np.full(laser_index.max() + 1, -1, dtype=np.int64)
-    poses, shares = np.zeros((n_scans, 3)), np.zeros(n_scans)
-    information, flags = np.zeros((n_scans, 3, 3)), np.zeros(n_scans, dtype=np.uint8)
-    twists = np.zeros((n_scans, 3))
     for first in range(0, n_scans, _SCANS_PER_CALL):
         last = min(first + _SCANS_PER_CALL, n_scans)
-        register_scans(
-            first,
-            last,
-            *sweeps.read(slice(first, last)),
-            sweeps.geometry_index,
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            rays.beam_interval_s,
-            sweeps.times_s,
-            motion,
-            has_motion,
-            params.numbers(calibration),
-            sums,
-            lines,
-            stale,
-            field,
-            laser_index,
-            last_keys,
-            ring,
-            ring_points,
-            ring_weights,
-            ring_counts,
-            state,
-            poses,
-            shares,
-            information,
-            twists,
-            flags,
-        )
+        matcher.match(first, last, sweeps, motion, has_motion, found)
         tick(last - first)
+    flags = found.flags
     return Registered(
-        poses, shares, information, twists, (flags & KEY) > 0, (flags & LOST) > 0, (flags & WIDE) > 0
+        found.poses,
+        found.shares,
+        found.information,
+        found.twists,
+        (flags & KEY) > 0,
+        (flags & LOST) > 0,
+        (flags & WIDE) > 0,
     )
