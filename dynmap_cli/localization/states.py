@@ -35,11 +35,14 @@ class StateEvidence:
         What has to be added because beams went through what is solid in a state.
     n_beams : int
         Beams that tell the states apart.
+    objects_in_view : (n_objects,) bool
+        Of which so many beams as `LEAST_BEAMS` tell on from off.
     """
 
     at_ends: F64
     through: F64
     n_beams: int
+    objects_in_view: B1
 
     @property
     def log_likelihoods(self) -> F64:
@@ -118,10 +121,13 @@ def state_evidence(
     passed = (crossings[:, :, 1] * size + BEYOND_M <= placed.lengths_m) & reaches
     at_ends = np.where(inside & reaches, ends, 0.0)
     through = np.where(passed, least - ends, 0.0)
+    by_beam = at_ends + through
+    tells = [np.abs(by_beam[on] - by_beam[off]) >= TELLS_APART for on, off in submap.switches]
     return StateEvidence(
         at_ends=at_ends.sum(axis=1),
         through=through.sum(axis=1),
-        n_beams=int((np.ptp(at_ends + through, axis=0) >= TELLS_APART).sum()),
+        n_beams=int((np.ptp(by_beam, axis=0) >= TELLS_APART).sum()),
+        objects_in_view=np.array([apart.any(axis=0).sum() >= LEAST_BEAMS for apart in tells], dtype=bool),
     )
 
 
