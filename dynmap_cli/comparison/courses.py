@@ -11,9 +11,11 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.comparison.maps import ComparedMap
 from dynmap_cli.domain.poses import Trajectory, interpolate
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.localization.found import Localization, StateRow
-from dynmap_cli.localization.map_pool import MapPool, make_map_pool
+from dynmap_cli.localization.found import Localization
+from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.parts import believed_parts
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.state_tables import PatchBelief, patch_beliefs
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.progress import Tick
 
@@ -36,8 +38,7 @@ class Course:
     log_likelihood : (n,) float64
         Per beam, at the pose.
     is_lost : (n,) bool
-    states : sequence of StateRow
-    pool : MapPool
+    states : sequence of PatchBelief
     """
 
     compared: ComparedMap
@@ -48,8 +49,7 @@ class Course:
     pose_error_m: F64
     log_likelihood: F64
     is_lost: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-    states: Sequence[StateRow]
-    pool: MapPool
+    states: Sequence[PatchBelief]
 
     def away_from_m(self, other: Course) -> F64:
         """(n,) distance of each pose from where the other map puts the robot then; NaN before and after it."""
@@ -79,7 +79,8 @@ def course_in(
     seed, threads : int
     tick : callable
     """
-    pool = make_map_pool(compared.grid, compared.patch_sets, settings)
+    parts = believed_parts(compared.patch_sets, compared.visits, settings.states)
+    pool = make_map_pool(compared.grid, [part.states for part in parts], settings)
     with_particles = settings.model_copy(update={"save_particles": True})
     found = localize_log(log, pool, with_particles, seed=seed, threads=threads, tick=tick)
     rows = found.poses
@@ -95,8 +96,7 @@ def course_in(
         pose_error_m=np.hypot(poses[:, 0] - true[:, 0], poses[:, 1] - true[:, 1]),
         log_likelihood=np.array([row.log_likelihood_per_beam for row in found.health]),
         is_lost=np.array([row.verdict == "lost" for row in found.health], dtype=np.bool_),
-        states=found.states,
-        pool=pool,
+        states=patch_beliefs(found.states, pool, parts, compared.patch_sets),
     )
 
 

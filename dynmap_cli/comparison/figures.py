@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.comparison.courses import Course
+from dynmap_cli.localization.state_tables import NEVER_MAPPED
 from dynmap_cli.report.curves import COLOURS, as_png
 
 MOST_SUBMAPS = 8
@@ -65,23 +66,21 @@ def draw_beliefs(course: Course, called: Mapping[int, str]) -> bytes:
     """
     counts: dict[int, int] = {}
     for row in course.states:
-        counts[row.submap] = counts.get(row.submap, 0) + 1
+        counts[row.submap_id] = counts.get(row.submap_id, 0) + 1
     shown = sorted(sorted(counts, key=lambda number: (-counts[number], number))[:MOST_SUBMAPS])
     figure = Figure(figsize=(9.0, 0.8 + 1.6 * max(len(shown), 1)), dpi=100, layout="constrained")
     grid = np.atleast_1d(figure.subplots(max(len(shown), 1), 1, sharex=True))
     start_ns = int(course.stamps_ns[0])
     for axes, number in zip(grid, shown, strict=False):
-        submap = course.pool.submaps[number]
-        rows = [row for row in course.states if row.submap == number]
+        rows = [row for row in course.states if row.submap_id == number]
         seconds = np.array([(row.stamp_ns - start_ns) * 1e-9 for row in rows])
-        for state, patch_id in enumerate(submap.patch_ids):
+        for state, patch_id in enumerate(rows[0].patch_ids):
             spread, values = _with_gaps(seconds, np.array([row.belief[state] for row in rows]))
+            label = "never mapped" if patch_id == NEVER_MAPPED else f"state {patch_id}"
             colour = COLOURS[patch_id % len(COLOURS)]
-            axes.plot(
-                spread, values, ".-", markersize=3, linewidth=1.0, color=colour, label=f"state {patch_id}"
-            )
+            axes.plot(spread, values, ".-", markersize=3, linewidth=1.0, color=colour, label=label)
         axes.set_ylim(-0.05, 1.05)
-        name = called.get(submap.submap_id, str(submap.submap_id))
+        name = called.get(number, str(number))
         axes.set_title(f"sub-map {name}", loc="left", fontsize=9, parse_math=False)
         axes.set_ylabel("probability")
         axes.grid(visible=True, color="#e4e4e4")

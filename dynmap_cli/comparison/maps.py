@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.domain.grid import OccupancyGrid
-from dynmap_cli.domain.patches import Patch, PatchSet
-from dynmap_cli.files.patch_archive import read_patches
+from dynmap_cli.domain.patches import Patch, PatchSet, Visit
+from dynmap_cli.files.patch_archive import read_patches, read_visits
 from dynmap_cli.files.pgm import read_map
 
 PATCH_MAP = "patch map"
@@ -28,12 +28,15 @@ class ComparedMap:
         What it shows.
     grid : OccupancyGrid
     patch_sets : tuple of PatchSet
+    visits : tuple of Visit
+        From which the states of the patch sets were learned; none where these are fixed.
     """
 
     name: str
     about: str
     grid: OccupancyGrid
     patch_sets: tuple[PatchSet, ...]
+    visits: tuple[Visit, ...] = ()
 
 
 def compared_maps(run_dir: Path, most_states: int) -> tuple[list[ComparedMap], int]:
@@ -44,9 +47,12 @@ def compared_maps(run_dir: Path, most_states: int) -> tuple[list[ComparedMap], i
     """
     filtered, _ = read_map(run_dir / "map" / "map.yaml")
     unfiltered, _ = read_map(run_dir / "map" / "unfiltered.yaml")
-    sets = tuple(one for one in read_patches(run_dir / "patches" / "patches.zip") if one.patches)
+    archive = run_dir / "patches" / "patches.zip"
+    sets = tuple(one for one in read_patches(archive) if one.patches)
     maps = [
-        ComparedMap(PATCH_MAP, "every sub-map in the state that is believed", filtered, sets),
+        ComparedMap(
+            PATCH_MAP, "every sub-map in the state that is believed", filtered, sets, read_visits(archive)
+        ),
         ComparedMap("all beams", "the map that all beams draw, without filter", unfiltered, ()),
         ComparedMap("filtered map", "the map without what moves", filtered, ()),
     ]
@@ -92,4 +98,4 @@ def one_state(patch_set: PatchSet, number: int) -> PatchSet:
 
 
 def _with(patch_set: PatchSet, patches: Sequence[Patch]) -> PatchSet:
-    return replace(patch_set, patches=tuple(patches))
+    return replace(patch_set, patches=tuple(patches), objects=())

@@ -25,6 +25,7 @@ from dynmap_cli.files.trajectory import format_stamp, read_tum
 from dynmap_cli.localization.global_start import global_start, is_usable
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.particle_filter import estimate_pose
+from dynmap_cli.localization.parts import believed_parts
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
@@ -180,7 +181,8 @@ def common_start(
         true = interpolate(truth.stamps_ns, truth.poses, log.stamps_ns[first : first + 1])[0]
         if bool(np.isfinite(true).all()):
             return np.asarray(true), "of the truth"
-    pool = make_map_pool(patch_map.grid, patch_map.patch_sets, settings)
+    parts = believed_parts(patch_map.patch_sets, patch_map.visits, settings.states)
+    pool = make_map_pool(patch_map.grid, [part.states for part in parts], settings)
     random = np.random.default_rng(config.seed)
     with ThreadPoolExecutor(max_workers=max(threads, 1)) as executor:
         particles = global_start(log, first, pool, settings, random, executor)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import Trajectory, compose, wrap_angle
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import known_poses, nearest_stamp
+from dynmap_cli.evaluation.believed_states import SURE, Believed, combination_accuracy, state_measures
 from dynmap_cli.evaluation.object_beliefs import (
     BelievedObject,
     ObjectShares,
@@ -23,12 +23,7 @@ from dynmap_cli.evaluation.object_beliefs import (
     parse_beliefs,
 )
 from dynmap_cli.evaluation.scores import Score, mean_or_nan, ratio
-from dynmap_cli.evaluation.states import (
-    Configuration,
-    LearnedStates,
-    configurations,
-    patch_meanings,
-)
+from dynmap_cli.evaluation.states import LearnedStates
 from dynmap_cli.evaluation.truth import Truth, same_scans
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.documents import MAX_TABLE_BYTES, read_text
@@ -37,8 +32,6 @@ from dynmap_cli.files.trajectory import parse_stamp, read_tum
 
 GOOD_M, GOOD_RAD, GOOD_SHARE = 0.5, math.radians(10.0), 0.95
 """A pose is right within these; a run succeeds if this share of its poses is, from convergence on."""
-SURE = 0.8
-"""A state counts as known when its probability reaches this."""
 SETTLED_S = 3.0
 """The filter has converged when all poses of so many seconds are right."""
 _CLOUDS = {
@@ -48,22 +41,6 @@ _CLOUDS = {
     "weights": Column("<f4", (None,)),
 }
 _MOST_BYTES = 4 * 2**30
-
-
-@dataclass(frozen=True, slots=True)
-class Believed:
-    """The state believed most of one sub-map over time.
-
-    Attributes
-    ----------
-    stamps_ns : (n,) int64
-    patches : (n,) int64
-    probability : (n,) float64
-    """
-
-    stamps_ns: I64
-    patches: I64
-    probability: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +226,10 @@ def score_localization(
     values |= _verdicts(localized, stamps, is_good)
     if learned is not None and map_truth is not None:
         values |= state_measures(localized.believed, truth, learned, map_truth)
+        if object_shares is not None:
+            values["combination_accuracy"] = combination_accuracy(
+                localized.believed, localized.objects, object_shares, truth, learned, map_truth
+            )
     if object_shares is not None:
         values |= object_measures(localized.objects, object_shares, truth, SURE)
     seconds = (stamps - stamps[0]) * 1e-9
@@ -269,93 +250,6 @@ def _verdicts(localized: Localized, stamps_ns: I64, is_good: B1) -> dict[str, fl
         "lost_share": ratio(int((~right).sum()), int(right.size)),
         "lost_found_share": ratio(int((says_lost & ~right).sum()), int((~right).sum())),
     }
-
-
-def state_measures(
-    believed: Mapping[int, Believed], truth: Truth, learned: LearnedStates, map_truth: Truth
-) -> dict[str, float]:
-    """Share of right states over all scans and sub-maps in view, and how soon changes were noticed.
-
-    The delay of a change runs from the first scan that had the sub-map in view after it. A patch means what was
-    there in most visits of the run; one without such a visit is never right. A patch is the state of all objects in a
-    sub-map together, and where these were never seen like this while the map was made, no patch is right: the share of
-    the others is `state_mapped_share`, and of them are right `state_accuracy_when_mapped`.
-    """
-    right = count = sure = sure_and_right = mapped = changes = 0
-    delays_s: list[float] = []
-    for submap in learned.submaps:
-        reach = learned.reach[submap.submap_id]
-        own = believed.get(submap.submap_id)
-        if own is None or not any(thing.name in reach for thing in truth.objects):
-            continue
-        meanings = patch_meanings(submap.submap_id, reach, learned.visits, map_truth)
-        actual = configurations(truth, reach)
-        is_right = _is_right(own, actual, meanings, truth.trajectory.stamps_ns)
-        right, count = right + int(is_right.sum()), count + is_right.size
-        mapped += _count_mapped(own, actual, meanings, truth.trajectory.stamps_ns)
-        is_sure = own.probability >= SURE
-        sure, sure_and_right = sure + int(is_sure.sum()), sure_and_right + int((is_sure & is_right).sum())
-        found = _delays_s(own.stamps_ns, is_right, _change_stamps(actual, truth.trajectory.stamps_ns))
-        changes += len(found)
-        delays_s += [delay for delay in found if math.isfinite(delay)]
-    return {
-        "state_accuracy": ratio(right, count),
-        "state_mapped_share": ratio(mapped, count),
-        "state_accuracy_when_mapped": ratio(right, mapped),
-        "state_sure_share": ratio(sure, count),
-        "state_accuracy_when_sure": ratio(sure_and_right, sure),
-        "state_changes_in_view": float(changes),
-        "state_changes_noticed_share": ratio(len(delays_s), changes),
-        "state_delay_median_s": float(np.median(delays_s)) if delays_s else math.nan,
-    }
-
-
-def _is_right(
-    own: Believed,
-    actual: Sequence[Configuration],
-    meanings: Mapping[int, Configuration],
-    stamps_ns: I64,
-) -> B1:
-    """Whether each believed patch means what was there."""
-    scans = nearest_stamp(stamps_ns, own.stamps_ns)
-    return np.array(
-        [
-            scan >= 0 and meanings.get(patch) == actual[scan]
-            for scan, patch in zip(scans.tolist(), own.patches.tolist(), strict=True)
-        ],
-        dtype=bool,
-    )
-
-
-def _count_mapped(
-    own: Believed,
-    actual: Sequence[Configuration],
-    meanings: Mapping[int, Configuration],
-    stamps_ns: I64,
-) -> int:
-    """In how many scans what was there is what some patch means."""
-    known = set(meanings.values())
-    return sum(
-        scan >= 0 and actual[scan] in known for scan in nearest_stamp(stamps_ns, own.stamps_ns).tolist()
-    )
-
-
-def _change_stamps(actual: Sequence[Configuration], stamps_ns: I64) -> I64:
-    """Stamps of the scans at which the configuration is another than at the scan before."""
-    changed = [now != before for before, now in itertools.pairwise(actual)]
-    return np.asarray(stamps_ns[1:][np.array(changed, dtype=bool)])
-
-
-def _delays_s(stamps_ns: I64, is_right: B1, changes_ns: I64) -> list[float]:
-    """Delay of each change that was in view before the next one; inf where it was not noticed until then."""
-    delays = []
-    for begin, end in itertools.pairwise([*changes_ns.tolist(), np.iinfo(np.int64).max]):
-        seen = np.flatnonzero((stamps_ns >= begin) & (stamps_ns < end))
-        if seen.size == 0:
-            continue
-        noticed = seen[is_right[seen]]
-        delays.append(float(stamps_ns[noticed[0]] - stamps_ns[seen[0]]) * 1e-9 if noticed.size else math.inf)
-    return delays
 
 
 def _mean_of_known(errors: F64) -> float:

@@ -155,8 +155,10 @@ def weigh_states(
     hits: B1,
     values: F64,
     limits: F64,
+    switches: I64,
     at_ends: F64,
     through: F64,
+    told: I64,
 ) -> int:
     """Write what a scan says of each state of a sub-map; return how many beams tell them apart.
 
@@ -180,14 +182,19 @@ def weigh_states(
     limits : (4,) float64
         Sine of the least angle with a surface; how far a beam goes on behind it at least, and how far the
         sub-map is at most, metres; difference of log-likelihoods by which a beam tells states apart.
+    switches : (n_pairs, 3) int64
+        An object, and two states that differ in it; by objects.
     at_ends, through : (n_states,) float64
         Sums: of ends inside, and of what is added for beams that went through something.
+    told : (n_objects,) int64
+        Beams that tell apart the states of one of the pairs of each object.
     """
     rows, cols = owned.shape
     x, y = (sensor_m[0] - cell[0]) / cell[2], (sensor_m[1] - cell[1]) / cell[2]
     at_ends[:] = 0.0
     through[:] = 0.0
-    n_beams = 0
+    told[:] = 0
+    n_beams, said = 0, np.zeros(field_start.size)
     for beam in range(directions_rad.size):
         dx, dy, length = math.cos(directions_rad[beam]), math.sin(directions_rad[beam]), lengths_m[beam]
         col = int(math.floor((ends_m[beam, 0] - cell[0]) / cell[2]))
@@ -198,15 +205,24 @@ def weigh_states(
             enter, crossed = first_crossing(surfaces[state], x, y, dx, dy, length / cell[2], limits[0])
             if not enter * cell[2] <= limits[2]:
                 break
-            end, said = values[0], 0.0
+            end = values[0]
+            said[state] = 0.0
             if inside:
-                end = said = np.float64(pool[field_start[state] + row * cols + col])
+                end = np.float64(pool[field_start[state] + row * cols + col])
+                said[state] = end
                 at_ends[state] += end
             if crossed * cell[2] + limits[1] <= length:
                 through[state] += values[1] - end
-                said += values[1] - end
-            lowest, highest = min(lowest, said), max(highest, said)
-        n_beams += highest - lowest >= limits[3]
+                said[state] += values[1] - end
+            lowest, highest = min(lowest, said[state]), max(highest, said[state])
+        if highest - lowest >= limits[3]:
+            n_beams += 1
+            last = -1
+            for pair in range(switches.shape[0]):
+                thing = switches[pair, 0]
+                if thing != last and abs(said[switches[pair, 1]] - said[switches[pair, 2]]) >= limits[3]:
+                    told[thing] += 1
+                    last = thing
     return n_beams
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dynmap_cli.arrays import F64
+from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.health import ScanHealth
 from dynmap_cli.localization.motion import Motion
@@ -22,11 +22,14 @@ class StateRow:
     submap : int
         Index in the pool.
     belief : (n_states,) float64
+    objects_in_view : (n_objects,) bool
+        Which of its objects beams tell on from off.
     """
 
     stamp_ns: int
     submap: int
     belief: F64
+    objects_in_view: B1
 
 
 @dataclass(frozen=True, slots=True)

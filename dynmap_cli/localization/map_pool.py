@@ -13,13 +13,11 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.localization.combinations import SOLID_REFLECTANCE, on_in_patches, switches_of
 from dynmap_cli.localization.priors import prior_by_hour
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
 
-SOLID_REFLECTANCE = 0.25
-"""Cells of a patch that reflect at least this share of the beams are solid: a thin wall whose visits lie
-half a cell apart shares its hits between two cells."""
 EXPLAINED_M = 0.2
 """An end this close to something in the map is explained by it."""
 MARGIN_M = 1.0
@@ -50,10 +48,15 @@ class SubMapStates:
         Cells within `EXPLAINED_M` of something in the map in that state.
     surfaces : (n_states, rows, cols) uint8
         What blocks beams in each state, see `surface_codes`.
-    stay_probability : float
-        Probability that the state is the same one minute later.
     prior : (25, n_states) float64
         Belief before the first look, by hour of the day, see `prior_by_hour`.
+    stay_probability : float
+        Probability that the state is the same one minute later.
+    drawn : (n_states,) float64
+        Probability of each state after a change.
+    n_objects : int
+    switches : (n_pairs, 3) int64
+        An object, a state that tells it on from off, and which from; by objects.
     """
 
     submap_id: int
@@ -66,8 +69,11 @@ class SubMapStates:
     likelihoods: F32
     explained: B1
     surfaces: U8
-    stay_probability: float
     prior: F64
+    stay_probability: float
+    drawn: F64
+    n_objects: int
+    switches: I64
 
     @property
     def n_states(self) -> int:
@@ -357,7 +363,10 @@ def _submap_states(
         likelihoods=np.exp(fields),
         explained=distance <= EXPLAINED_M,
         surfaces=np.stack(surfaces).astype(np.uint8),
-        stay_probability=patch_set.stay_probability,
         prior=prior_by_hour(patch_set.patches, settings.prior),
+        stay_probability=patch_set.stay_probability,
+        drawn=prior_by_hour(patch_set.patches, "uniform")[-1],
+        n_objects=len(patch_set.objects),
+        switches=switches_of(on_in_patches(patch_set)),
     )
     return submap, fields

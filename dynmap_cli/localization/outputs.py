@@ -10,13 +10,13 @@ import numpy as np
 from dynmap_cli.files.trajectory import format_stamp
 from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.pose_rows import PoseRow
-from dynmap_cli.localization.state_tables import ObjectBelief, PatchBelief
+from dynmap_cli.localization.state_tables import NEVER_MAPPED, ObjectBelief, PatchBelief
 
 POSES_HEADER = (
     "stamp_s,x_m,y_m,yaw_rad,xx_m2,xy_m2,x_yaw_m_rad,yy_m2,y_yaw_m_rad,yaw_yaw_rad2,"
     "best_x_m,best_y_m,best_yaw_rad,cluster_weight"
 )
-STATES_HEADER = "stamp_s,submap,patch,probability"
+STATES_HEADER = "stamp_s,submap,patch,probability,nearest"
 OBJECTS_HEADER = "stamp_s,submap,object,probability_on"
 HEALTH_HEADER = (
     "stamp_s,explained,explained_by_other_state,unexplained,log_likelihood_per_beam,"
@@ -37,11 +37,13 @@ def write_poses(path: Path, rows: Sequence[PoseRow]) -> None:
 
 
 def write_states(path: Path, rows: Iterable[PatchBelief]) -> None:
-    """Write one line per scan, sub-map in view and state."""
+    """Write one line per scan, sub-map in view and state; the last one where states were never mapped is for these."""
     lines = [STATES_HEADER]
     for row in rows:
+        stamp = format_stamp(row.stamp_ns)
         for patch_id, probability in zip(row.patch_ids, row.belief.tolist(), strict=True):
-            lines.append(f"{format_stamp(row.stamp_ns)},{row.submap_id},{patch_id},{probability:.6f}")
+            nearest = row.description if patch_id == NEVER_MAPPED else ""
+            lines.append(f"{stamp},{row.submap_id},{patch_id},{probability:.6f},{nearest}")
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 

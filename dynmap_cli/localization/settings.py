@@ -86,9 +86,9 @@ class LocalizationSettings(BaseModel):
         15.0, ge=0.1, le=2000, description="How many independent beams a scan is worth; tempers the weights."
     )
 
-    states: Literal["belief", "objects", "sampled"] = Field(
+    states: Literal["belief", "sampled"] = Field(
         "belief",
-        description="States: a belief per sub-map, one per object, or a patch in every particle as in the paper.",
+        description="States: a belief for what changes together, or a patch in every particle as in the paper.",
     )
     prior: Literal["uniform", "support", "hour"] = Field(
         "uniform",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.localization.found import StateRow
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.transitions import predict_belief, same_probability
+from dynmap_cli.localization.transitions import look_back, predict_belief
 
 REPAINT_ABOVE = 0.01
 _LEAST = 1e-12
@@ -29,10 +30,10 @@ def smooth_states(rows: Sequence[StateRow], pool: MapPool) -> list[StateRow]:
         if row.submap in following:
             later = smoothed[following[row.submap]]
             seconds = max(later.stamp_ns - row.stamp_ns, 0) * 1e-9
-            same = same_probability(pool.submaps[row.submap], seconds)
-            ratio = later.belief / np.maximum(predict_belief(row.belief, same), _LEAST)
-            belief = row.belief * predict_belief(ratio / ratio.sum(), same)
-            smoothed[index] = StateRow(row.stamp_ns, row.submap, np.asarray(belief / belief.sum()))
+            submap = pool.submaps[row.submap]
+            ratio = later.belief / np.maximum(predict_belief(row.belief, submap, seconds), _LEAST)
+            belief = row.belief * look_back(ratio / ratio.sum(), submap, seconds)
+            smoothed[index] = replace(row, belief=np.asarray(belief / belief.sum()))
         following[row.submap] = index
     return smoothed
 

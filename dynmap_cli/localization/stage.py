@@ -18,7 +18,6 @@ from dynmap_cli.localization.changes import is_another_place
 from dynmap_cli.localization.found import HealthRow
 from dynmap_cli.localization.global_start import LEAST_RETURNS
 from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.object_states import Part, object_parts, whole_parts
 from dynmap_cli.localization.outputs import (
     write_health,
     write_objects,
@@ -26,6 +25,7 @@ from dynmap_cli.localization.outputs import (
     write_poses,
     write_states,
 )
+from dynmap_cli.localization.parts import Part, believed_parts
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.smoothing import smooth
 from dynmap_cli.localization.state_tables import object_beliefs, patch_beliefs
@@ -149,12 +149,13 @@ def _patch_sets(context: StageContext) -> tuple[PatchSet, ...]:
 
 
 def _parts(context: StageContext, patch_sets: Sequence[PatchSet]) -> tuple[Part, ...]:
-    """What has a belief of its own: sub-maps, or the objects in them."""
-    if context.config.localization.states != "objects" or not patch_sets:
-        return whole_parts(patch_sets)
+    """What has a belief of its own."""
+    if not patch_sets:
+        return ()
     from dynmap_cli.files.patch_archive import read_visits
 
-    return object_parts(patch_sets, read_visits(context.run_dir / "patches" / "patches.zip"))
+    visits = read_visits(context.run_dir / "patches" / "patches.zip")
+    return believed_parts(patch_sets, visits, context.config.localization.states)
 
 
 def _counting_map(context: StageContext) -> CountingMap | None:

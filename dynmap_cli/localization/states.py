@@ -35,11 +35,14 @@ class StateEvidence:
         What has to be added because beams went through what is solid in a state.
     n_beams : int
         Beams that tell the states apart.
+    objects_in_view : (n_objects,) bool
+        Of which so many beams as `LEAST_BEAMS` tell on from off.
     """
 
     at_ends: F64
     through: F64
     n_beams: int
+    objects_in_view: B1
 
     @property
     def log_likelihoods(self) -> F64:
@@ -95,7 +98,8 @@ def state_evidence(
     an empty patch does. So a beam that went through something solid gets the value of an end far from
     everything, instead of that of its end (inside) or of an end on the map (behind the rectangle).
     """
-    at_ends, through = np.empty(submap.n_states), np.empty(submap.n_states)
+    at_ends, through = np.empty((2, submap.n_states))
+    told = np.zeros(submap.n_objects, dtype=np.int64)
     n_beams = weigh_states(
         submap.surfaces,
         submap.owned,
@@ -109,10 +113,12 @@ def state_evidence(
         placed.hits,
         np.array([best_log_likelihood(settings), least_log_likelihood(settings)]),
         np.array([LEAST_SINE, BEYOND_M, settings.view_m, TELLS_APART]),
+        submap.switches,
         at_ends,
         through,
+        told,
     )
-    return StateEvidence(at_ends, through, n_beams)
+    return StateEvidence(at_ends, through, n_beams, told >= LEAST_BEAMS)
 
 
 def update_belief(belief: F64, log_likelihoods: F64) -> F64:

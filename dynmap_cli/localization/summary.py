@@ -10,7 +10,7 @@ import numpy as np
 
 from dynmap_cli.localization.changes import changed_line
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.state_tables import PatchBelief
+from dynmap_cli.localization.state_tables import NEVER_MAPPED, PatchBelief
 
 VERDICTS = ("tracking", "changed", "lost")
 SURE = 0.8
@@ -77,11 +77,11 @@ def _history(rows: Sequence[PatchBelief], first_ns: int) -> str:
         state = int(np.argmax(row.belief))
         if state == current or row.belief[state] < SURE:
             continue
-        patch_id = row.patch_ids[state]
+        name = row.description if row.patch_ids[state] == NEVER_MAPPED else str(row.patch_ids[state])
         if current is None:
-            words.append(f"state {patch_id}")
+            words.append(f"state {name}")
         else:
-            words.append(f"-> {patch_id}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
+            words.append(f"-> {name}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
         current = state
     if current is None:
         return "seen, its state stayed open"

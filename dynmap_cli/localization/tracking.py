@@ -254,7 +254,7 @@ class _Tracker:
         for number, evidence in self._evidence(placed):
             belief = update_belief(self._world.belief(number, stamp), exponent * evidence.log_likelihoods)
             self._world.learn(number, stamp, belief)
-            rows.append(StateRow(stamp, number, belief))
+            rows.append(StateRow(stamp, number, belief, evidence.objects_in_view))
         return rows
 
     def _weigh_with_states(
@@ -283,7 +283,7 @@ class _Tracker:
                 belief = more.belief(number, evidence.through.size)
                 if belief is not None:
                     carried = more
-                    rows.append(StateRow(stamp, number, belief))
+                    rows.append(StateRow(stamp, number, belief, evidence.objects_in_view))
             estimate = estimate_pose(carried.weighed())
         if is_sampled or _is_settled(estimate, SETTLED_SHARE):
             for row in rows:

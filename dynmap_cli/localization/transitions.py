@@ -31,22 +31,25 @@ def change_rate(stay_probability: float, n_states: int) -> float:
     return max(rate, 1.0 / LONGEST_STATE_LASTS_S)
 
 
-def same_probability(submap: SubMapStates, seconds: float) -> float:
-    """Probability that a sub-map is in the same state after some seconds."""
+def kept_probability(submap: SubMapStates, seconds: float) -> float:
+    """Probability that the state of a sub-map was not drawn anew within some seconds."""
     n_states = submap.n_states
     if n_states < 2:
         return 1.0
     rate = change_rate(submap.stay_probability, n_states)
-    return 1.0 / n_states + (1.0 - 1.0 / n_states) * math.exp(-rate * seconds * n_states / (n_states - 1))
+    return math.exp(-rate * seconds * n_states / (n_states - 1))
 
 
-def predict_belief(belief: F64, same: float) -> F64:
-    """Belief over states (..., n) after a time in which a state is kept with probability *same*."""
-    n_states = belief.shape[-1]
-    if n_states < 2:
-        return belief
-    other = (1.0 - same) / (n_states - 1)
-    return np.asarray((same - other) * belief + other)
+def predict_belief(belief: F64, submap: SubMapStates, seconds: float) -> F64:
+    """Belief over the states (..., n) of a sub-map some seconds later: kept, or drawn anew."""
+    kept = kept_probability(submap, seconds)
+    return np.asarray(kept * belief + (1.0 - kept) * submap.drawn)
+
+
+def look_back(ratio: F64, submap: SubMapStates, seconds: float) -> F64:
+    """Sum over the states j some seconds later of P(i -> j) ratio_j, for each state i (n,)."""
+    kept = kept_probability(submap, seconds)
+    return np.asarray(kept * ratio + (1.0 - kept) * float(submap.drawn @ ratio))
 
 
 def state_priors(
@@ -59,8 +62,8 @@ def state_priors(
 ) -> F64:
     """p(m_t | x_t, m_{t-1}) of the current sub-map of each particle (paper, 1.4).
 
-    A particle that stays in its sub-map keeps the state or changes to any other one alike; one that comes into
-    a sub-map has what is believed of it (the paper: all states alike).
+    A particle that stays in its sub-map keeps the state or has one drawn anew; one that comes into a sub-map has what
+    is believed of it (the paper: all states alike).
 
     Parameters
     ----------
@@ -87,7 +90,7 @@ def state_priors(
         priors[here, :n_states] = entering(number)
         stays = here & (was_in == number)
         kept = np.eye(n_states)[states[stays]]
-        priors[stays, :n_states] = predict_belief(kept, same_probability(submap, seconds))
+        priors[stays, :n_states] = predict_belief(kept, submap, seconds)
     return priors
 
 

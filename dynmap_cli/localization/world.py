@@ -7,7 +7,7 @@ import numpy as np
 from dynmap_cli.arrays import F64
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.priors import prior_at
-from dynmap_cli.localization.transitions import predict_belief, same_probability
+from dynmap_cli.localization.transitions import predict_belief
 
 REPAINT_ABOVE = 0.01
 """Smaller changes of a probability are not worth painting."""
@@ -28,7 +28,7 @@ class World:
         if last is None:
             return prior_at(self._pool.submaps[number].prior, stamp_ns)
         seconds = max(stamp_ns - last, 0) * 1e-9
-        return predict_belief(self._beliefs[number], same_probability(self._pool.submaps[number], seconds))
+        return predict_belief(self._beliefs[number], self._pool.submaps[number], seconds)
 
     def alike(self, number: int) -> F64:
         """All states (n_states,) alike: what somebody believes who has never been here."""

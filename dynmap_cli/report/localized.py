@@ -52,7 +52,8 @@ class SeenSubMap:
         """What stands beside it."""
         if self.patch is None:
             return f"{self.called}: {'not seen' if len(self.patch_set.patches) > 1 else 'one state is known'}"
-        return f"{self.called}: state {self.patch} ({self.probability:.2f})"
+        name = "never mapped" if self.patch < 0 else f"state {self.patch}"
+        return f"{self.called}: {name} ({self.probability:.2f})"
 
 
 def draw_localized(

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dynmap_cli.arrays import B1, I64
+from dynmap_cli.domain.dependence import depend
 from dynmap_cli.segmentation.contradictions import Contradictions
-
-_LEAST_WINDOWS, _LEAST_CHI2 = 6, 6.63
-"""Chi-squared with one degree of freedom exceeds 6.63 by chance once in a hundred."""
 
 
 def dependent_regions(found: Contradictions, regions: list[I64], min_cells: int) -> B1:
-    """(n, n) whether two regions, (m, 2) cells each, change together (chi-squared test of a table of two by two).
+    """(n, n) whether two regions, (m, 2) cells each, change together, see `depend`.
 
     A window sees a region occupied or free where it shows *min_cells* of it so, and more than of the other kind. Places
     that one box takes in turn depend on one another as well as the sides of a box; two doors do not.
@@ -29,8 +27,4 @@ def dependent_regions(found: Contradictions, regions: list[I64], min_cells: int)
     occupied, free = found.record.cells_shown(group_of, len(regions))
     on = ((occupied >= min_cells) & (occupied > free)).astype(np.int64)
     off = ((free >= min_cells) & (free > occupied)).astype(np.int64)
-    both, neither, one, other = on.T @ on, off.T @ off, on.T @ off, off.T @ on
-    count = both + neither + one + other
-    sides = (both + one) * (other + neither) * (both + other) * (one + neither)
-    chi2 = count * (both * neither - one * other) ** 2.0 / np.maximum(sides, 1)
-    return np.asarray((count >= _LEAST_WINDOWS) & (sides > 0) & (chi2 >= _LEAST_CHI2))
+    return depend(on, off)

@@ -27,12 +27,11 @@ OTHER_DAY = 100
 """Added to the seed of the mapped recording: other states at other times, other noise."""
 METHODS = (
     "patch map",
-    "patch map, a belief per object",
     "patch map, state in each particle",
     "plain, filtered map",
     "plain, average of all states",
 )
-STATES_OF = {METHODS[1]: "objects", METHODS[2]: "sampled"}
+STATES_OF = {METHODS[1]: "sampled"}
 """`localization.states` of the methods that do not take the default."""
 _COLUMNS = {
     "success": "success",
@@ -40,10 +39,11 @@ _COLUMNS = {
     "position_error_mean_m": "error, m",
     "position_error_p95_m": "error 95 %, m",
     "heading_error_mean_deg": "error, deg",
-    "state_accuracy": "state right",
+    "combination_accuracy": "state right",
+    "state_accuracy": "patch right",
     "state_mapped_share": "state ever mapped",
     "state_accuracy_when_mapped": "right of those mapped",
-    "state_sure_share": "state sure",
+    "state_sure_share": "patch sure",
     "object_accuracy": "object right",
     "object_sure_share": "object sure",
     "state_changes_noticed_share": "changes noticed",
@@ -86,9 +86,9 @@ def judge(
 
 def plain_map(bench: Bench, run_dir: Path, method: str) -> Path | None:
     """The map of a plain method: that of the run, or one with all states of each sub-map; None for patch maps."""
-    if method == METHODS[3]:
+    if method == METHODS[2]:
         return run_dir / "map" / "map.yaml"
-    if method != METHODS[4]:
+    if method != METHODS[3]:
         return None
 
     def make() -> Path:
@@ -144,11 +144,12 @@ def tables(bench: Bench) -> list[Table]:
             "other noise, is "
             "localized from a global start with default settings. Success: within 0.5 m and 10 degrees "
             "for 95 % of the "
-            "run after convergence; errors are those after convergence; a state is sure from 0.8 on; "
-            "a patch is the state of all objects of its sub-map together, and where they were never seen "
-            "like this while the map was made no patch is right: how often one could be, and was, are columns "
-            "of their own; so are objects one by one, where beams tell on from off (with a belief per object) or "
-            "any states of their sub-map apart; the delay of a "
+            "run after convergence; errors are those after convergence; a state is sure from 0.8 on. "
+            "The state of a sub-map in view is right if the likeliest patch is what was there, or else if all "
+            "objects in view are as they were and everything there is one of the objects. "
+            "A patch is the state of all objects of its sub-map together, also of those out of view, and where they "
+            "were never seen like this while the map was made no patch is right: how often one could be, and was, are "
+            "columns of their own; so are objects one by one, where beams tell on from off; the delay of a "
             f"change in view is a median. Mean over {len(bench.seeds)} seeds, with the 5 and 95 % band "
             f"of its bootstrap. "
             "*Plain* is Monte Carlo localization without patches, in the filtered map of the same run "
@@ -184,12 +185,12 @@ def _cells(results: list[Localized]) -> Row:
 def _short(results: dict[tuple[str, str], list[Future[Localized]]], world: str) -> str:
     words = []
     for (of_world, method), jobs in results.items():
-        if of_world == world and method != METHODS[2]:
+        if of_world == world and method != METHODS[1]:
             found = bands_of([job.result().score for job in jobs])
             words.append(
                 f"{method}: {banded(found['position_error_mean_m'])} m, success {found['success'].mean:.2f}"
             )
-            for measure, name in (("state_accuracy", "state"), ("object_accuracy", "object")):
+            for measure, name in (("combination_accuracy", "state"), ("object_accuracy", "object")):
                 if measure in found:
                     words[-1] += f", {name} right {found[measure].mean:.3f}"
     return "; ".join(words)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import Trajectory, compose, inverse
+from dynmap_cli.evaluation.believed_states import Believed, combination_accuracy, state_measures
 from dynmap_cli.evaluation.localization import (
-    Believed,
     Clouds,
     Localized,
     first_settled,
     read_localized,
     score_localization,
-    state_measures,
     weighted_errors,
 )
+from dynmap_cli.evaluation.object_beliefs import BelievedObject
 from dynmap_cli.files.trajectory import write_tum
 from tests.evaluation.test_states import door
 
@@ -103,6 +103,30 @@ def test_a_belief_that_follows_late_has_a_delay():
     assert values["state_accuracy"] == pytest.approx((80 - 14) / 80)
     assert values["state_mapped_share"] == 1.0
     assert values["state_accuracy_when_mapped"] == values["state_accuracy"]
+
+
+def test_a_combination_is_right_where_its_patch_is_or_all_objects_in_view_are():
+    """A door that was only mapped open; every other belief in its object is wrong, or out of view."""
+    learned, truth = door()
+    stamps, closed = truth.trajectory.stamps_ns, truth.object_states[:, 0]
+    (number,) = {visit.submap_id for visit in learned.visits}
+    open_only = replace(learned, visits=tuple(visit for visit in learned.visits if visit.patch == 0))
+    shares = {(number, 3): {("door", "open"): 0.0, ("door", "closed"): 1.0}}
+    never = np.where(closed == 0, 0, -1)
+    believed = {number: Believed(stamps, never, np.ones(80))}
+
+    def accuracy(seen, probability, own=shares):
+        objects = {(number, 3): BelievedObject(stamps[seen], probability[seen])}
+        return combination_accuracy(believed, objects, own, truth, open_only, truth)
+
+    right, every = closed.astype(np.float64), np.ones(80, dtype=bool)
+    known = float((never == 0).mean())
+    assert accuracy(every, right) == 1.0
+    assert accuracy(every, 1.0 - right) == pytest.approx(known)
+    assert accuracy(~every, right) == pytest.approx(known)
+    assert accuracy(every, right, {(number, 3): {("door", "open"): 0.0}}) == pytest.approx(known)
+    half = np.arange(80) % 2 == 0
+    assert accuracy(half, right) == pytest.approx(float(((never == 0) | half).mean()))
 
 
 def test_where_nothing_changes_there_is_no_delay():

@@ -110,12 +110,17 @@ def test_what_a_scan_says_of_states_is_its_plain_twin(seed):
     ends = sensor + lengths[:, None] * np.column_stack([np.cos(directions), np.sin(directions)])
     limits, values = np.array([0.34, 0.1, 0.3, math.log(2.0)]), np.array([-0.1, -5.0])
     beams = (sensor, directions, lengths, ends, hits)
-    at_ends, through = np.empty(n_states), np.empty(n_states)
-    count = weigh_states(surfaces, owned, pool, start, CELL, *beams, values, limits, at_ends, through)
-    expected = plain_state_evidence(surfaces, owned, fields, CELL, beams, values, limits, first_crossing)
+    at_ends, through, told = np.empty(n_states), np.empty(n_states), np.empty(2, np.int64)
+    switches = np.array([[thing, *random.integers(n_states, size=2)] for thing in (0, 0, 1)], dtype=np.int64)
+    out = at_ends, through, told
+    count = weigh_states(surfaces, owned, pool, start, CELL, *beams, values, limits, switches, *out)
+    expected = plain_state_evidence(
+        surfaces, owned, fields, CELL, beams, values, limits, switches, first_crossing
+    )
     np.testing.assert_allclose(at_ends, expected[0], atol=1e-9)
     np.testing.assert_allclose(through, expected[1], atol=1e-9)
     assert count == expected[2]
+    assert told.tolist() == expected[3]
 
 
 @given(st.integers(0, 10_000), st.integers(0, 30))

@@ -12,7 +12,7 @@ from dynmap_cli.localization.particle_filter import make_particles, resample
 from dynmap_cli.localization.particle_states import CarriedStates, carry_states
 from dynmap_cli.localization.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.transitions import nearest_submaps, same_probability
+from dynmap_cli.localization.transitions import nearest_submaps, predict_belief
 from dynmap_cli.localization.weighing import weighing_of
 from tests.localization.test_states import log_of, ranges_in, world
 from tests.reference.localization import exact_joint_posterior
@@ -37,7 +37,7 @@ def scans(settings):
 def enumerated(pool, settings):
     """Exact p(start, last state | scans); outside the sub-map there is one state, 0."""
     area, windows, no_window = pool.submaps[0], pool.submaps[0].windows(), np.zeros((1, 5), dtype=np.int32)
-    same = same_probability(area, SECONDS)
+    same = float(predict_belief(np.eye(2)[0], area, SECONDS)[0])
     transitions, tables = [], []
     was_in = [-1] * len(STARTS)
     for t, sweep in enumerate(scans(settings)):

@@ -16,7 +16,7 @@ from dynmap_cli.localization.smoothed_states import smooth_states
 from dynmap_cli.localization.smoothing import smooth
 from dynmap_cli.localization.states import update_belief
 from dynmap_cli.localization.tracking import localize_log
-from dynmap_cli.localization.transitions import predict_belief, same_probability
+from dynmap_cli.localization.transitions import predict_belief
 from tests.localization.worlds import office, patch_sets_of, pose_errors, simulated
 
 
@@ -66,13 +66,14 @@ def test_states_are_those_of_all_sequences_weighed_one_by_one(run):
     pool = make_map_pool(run.true_map, patch_sets_of(run), settings)
     random = np.random.default_rng(2)
     evidence, stamps = random.normal(size=(5, 2)), np.array([0, 3, 40, 41, 200]) * 10**9
-    sames = [same_probability(pool.submaps[0], float(seconds)) for seconds in np.diff(stamps) * 1e-9]
+    area, waits = pool.submaps[0], (np.diff(stamps) * 1e-9).tolist()
+    sames = [float(predict_belief(np.eye(2)[0], area, seconds)[0]) for seconds in waits]
     rows, belief = [], np.full(2, 0.5)
     for number, stamp in enumerate(stamps.tolist()):
         if number:
-            belief = predict_belief(belief, sames[number - 1])
+            belief = predict_belief(belief, area, waits[number - 1])
         belief = update_belief(belief, evidence[number])
-        rows.append(StateRow(stamp, 0, belief))
+        rows.append(StateRow(stamp, 0, belief, np.zeros(0, dtype=bool)))
     expected = np.zeros((5, 2))
     for states in itertools.product((0, 1), repeat=5):
         weight = np.exp(evidence[np.arange(5), states].sum())

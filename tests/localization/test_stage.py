@@ -68,7 +68,7 @@ def test_trajectory_states_and_health_are_written(folders, simulated_run):
     header, states = rows(folders / "out" / "states.csv")
     assert header == STATES_HEADER
     by_scan = {}
-    for stamp, submap, _, probability in states:
+    for stamp, submap, _, probability, _ in states:
         by_scan.setdefault((stamp, submap), []).append(float(probability))
     assert by_scan
     assert all(abs(sum(values) - 1) < 1e-4 and len(values) == 2 for values in by_scan.values())

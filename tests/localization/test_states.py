@@ -15,7 +15,7 @@ from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import entropy_bits, place_sweep, state_evidence, update_belief
 from dynmap_cli.localization.tracking import localize_log
-from dynmap_cli.localization.transitions import same_probability
+from dynmap_cli.localization.transitions import predict_belief
 from dynmap_cli.localization.world import World
 from tests.reference.localization import exact_state_posterior
 
@@ -168,7 +168,7 @@ def test_the_posterior_over_states_is_that_of_bayes_by_enumeration(states, toler
     settings = still(states=states, min_particles=5000, max_particles=5000)
     grid, patch_set = world()
     log, pool = log_of(STATES), make_map_pool(grid, [patch_set], settings)
-    stays = [0.0] + [same_probability(pool.submaps[0], 0.5)] * (len(STATES) - 1)
+    stays = [0.0] + [float(predict_belief(np.eye(2)[0], pool.submaps[0], 0.5)[0])] * (len(STATES) - 1)
     table = scan_likelihoods(log, pool, settings)
     found = localize_log(log, pool, settings, seed=1)
     assert len(found.states) == len(STATES)

@@ -10,16 +10,21 @@ from hypothesis import strategies as st
 
 from dynmap_cli.localization.transitions import (
     change_rate,
+    look_back,
     nearest_submaps,
     predict_belief,
-    same_probability,
     state_priors,
 )
 from tests.reference.localization import plain_state_prior
 
 
 def submap(n_states=2, stay=0.8, rectangle=(0.0, 0.0, 1.0, 1.0)):
-    return SimpleNamespace(n_states=n_states, stay_probability=stay, rectangle_m=rectangle)
+    drawn = np.full(n_states, 1.0 / n_states)
+    return SimpleNamespace(n_states=n_states, stay_probability=stay, rectangle_m=rectangle, drawn=drawn)
+
+
+def same_probability(area, seconds):
+    return float(predict_belief(np.eye(area.n_states)[0], area, seconds)[0])
 
 
 @given(st.integers(2, 6), st.floats(0.52, 0.999))
@@ -30,18 +35,24 @@ def test_after_a_minute_the_state_is_the_same_with_the_stay_probability(n_states
 @given(st.integers(2, 5), st.floats(0.0, 1.0), st.floats(0.0, 500.0), st.floats(0.0, 500.0))
 def test_two_waits_are_one_long_wait(n_states, stay, first, second):
     area, belief = submap(n_states, stay), np.eye(n_states)[0]
-    in_steps = predict_belief(
-        predict_belief(belief, same_probability(area, first)), same_probability(area, second)
-    )
-    at_once = predict_belief(belief, same_probability(area, first + second))
+    in_steps = predict_belief(predict_belief(belief, area, first), area, second)
+    at_once = predict_belief(belief, area, first + second)
     np.testing.assert_allclose(in_steps, at_once, atol=1e-9)
 
 
 @given(st.integers(2, 5), st.floats(0.0, 1.0))
 def test_in_the_end_nothing_is_known(n_states, stay):
     area = submap(n_states, stay)
-    belief = predict_belief(np.eye(n_states)[0], same_probability(area, 1e7))
+    belief = predict_belief(np.eye(n_states)[0], area, 1e7)
     np.testing.assert_allclose(belief, 1 / n_states, atol=1e-6)
+
+
+def test_a_changed_state_is_one_of_those_drawn_and_looking_back_takes_the_same_way():
+    area = SimpleNamespace(n_states=3, stay_probability=0.7, drawn=np.array([0.6, 0.3, 0.1]))
+    np.testing.assert_allclose(predict_belief(np.eye(3)[2], area, 1e7), area.drawn, atol=1e-9)
+    np.testing.assert_allclose(predict_belief(area.drawn, area, 20.0), area.drawn)
+    ratio, chain = np.array([1.0, 2.0, 5.0]), predict_belief(np.eye(3), area, 20.0)
+    np.testing.assert_allclose(look_back(ratio, area, 20.0), chain @ ratio)
 
 
 def test_where_nothing_is_known_states_last_five_minutes():

@@ -72,7 +72,7 @@ def plain_first_crossing(surfaces, x, y, direction, length, least_sine, step=1e-
     return entered, crossed
 
 
-def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, crossing):
+def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, switches, crossing):
     """What each state says of the ends, and of beams that went through something; beams that tell states apart."""
     sensor, directions, lengths, ends, hits = beams
     n_states, n = len(surfaces), len(lengths)
@@ -88,8 +88,13 @@ def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, c
         end = fields[state, row, col] if is_in else values[0]
         at_ends[state, beam] = end if is_in else 0.0
         through[state, beam] = values[1] - end if crossed * size + limits[1] <= lengths[beam] else 0.0
-    told = np.ptp(at_ends + through, axis=0) >= limits[3]
-    return at_ends.sum(axis=1), through.sum(axis=1), int(told.sum())
+    said = at_ends + through
+    n_beams = int((np.ptp(said, axis=0) >= limits[3]).sum())
+    told = []
+    for thing in range(2):
+        apart = [abs(said[on] - said[off]) >= limits[3] for number, on, off in switches if number == thing]
+        told.append(int(np.any(apart, axis=0).sum()))
+    return at_ends.sum(axis=1), through.sum(axis=1), n_beams, told
 
 
 def plain_staying(points, cell, cells_at_once, now, limits, is_fixed, first, last):
