@@ -22,7 +22,8 @@ from dynmap_cli.localization.settings import LocalizationSettings
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
 CLEARLY_BETTER = 20.0
-"""Tempered log-likelihood by which another place must beat the current one."""
+"""Tempered log-likelihood by which another place must beat the current one: in offices whose map was out of date or
+full of people it beat a right pose by up to 15 where one was in doubt, and a wrong one by 36 and more."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""
 

@@ -5,7 +5,14 @@ looks worse than a wrong pose. But people and new objects *shorten* beams; only 
 that was torn down, lets beams pass *through* walls. What lies where the map knows nothing speaks neither
 for nor against a pose, so shares are taken of the beams that the map can judge: a robot that drives into a
 room that was never mapped is not lost. What remains in doubt is settled by a search for a better pose in
-the whole map: a robot that is lost fits better somewhere else.
+the whole map: a robot that is lost fits better somewhere else. The lost measure adds up what scans,
+particles and search say, each in units of what makes a robot lost on its own:
+
+    measure = mean of six scans + LOST (1 - share of the best place) / (1 - 0.8)
+              + LOST (log-likelihood by which another place is better) / CLEARLY_BETTER
+
+The last term stands in the update in which a search moved the robot. A start that was given is searched
+for in its first update, as whoever gave it may be wrong.
 """
 
 from __future__ import annotations
