@@ -25,10 +25,17 @@ from dynmap_cli.localization.states import place_sweep
 
 DRIVES = 30
 """Places that are driven from."""
-MOST_LOOKS = 60
-"""Scans after which several places may stay possible."""
+MOST_LOOKS = 200
+"""Scans after which several places stay possible."""
 LEAST_SHARE = 1e-3
 """Places that weigh less against the best are out of the question."""
+FOUND_M, FOUND_RAD = 0.1, math.radians(2.0)
+"""How exactly the blunt field finds a place."""
+SLIP_M, SLIP_RAD, SLIP, SLIP_RAD_PER_M = 0.02, math.radians(1.0), 0.1, math.radians(3.0)
+"""How far odometry may be off from look to look: at least, as a share of way and turn, and in yaw per metre. Without
+it a drive along bare walls slides to where a wrong place fits."""
+SAME_M, SAME_RAD = 0.3, math.radians(5.0)
+"""Drives that come closer together than this have found each other."""
 LOG_LIKELIHOOD_PER_PLACE = -1.0
 """Of a scan that goes through walls in one more place: a likelihood field does not see it, and it happens where a
 door was opened, but not in many places."""
@@ -73,7 +80,7 @@ def drive_from(
     list of Mode
         Those that are left, best first, with the tempered log-likelihood of the drive.
     """
-    drives = [_Drive(replace(mode, score=0.0), mode.pose, np.zeros(3)) for mode in modes[:DRIVES]]
+    drives = [_Drive(replace(mode, score=0.0, n_looks=0), mode.pose, np.zeros(3)) for mode in modes[:DRIVES]]
     for number, look in enumerate(looks):
         if number >= settings.start_scans:
             drives = _possible(drives)
@@ -84,10 +91,20 @@ def drive_from(
 
 
 def _possible(drives: Sequence[_Drive]) -> list[_Drive]:
-    """Those that weigh enough, best first."""
+    """Those that weigh enough, best first; of some that have come to the same place, the best."""
     best_first = sorted(drives, key=lambda drive: -drive.mode.log_weight)
     least = best_first[0].mode.log_weight + math.log(LEAST_SHARE)
-    return [drive for drive in best_first if drive.mode.log_weight >= least]
+    kept: list[_Drive] = []
+    for drive in best_first:
+        if drive.mode.log_weight >= least and not any(_is_same(drive.pose, one.pose) for one in kept):
+            kept.append(drive)
+    return kept
+
+
+def _is_same(pose: F64, other: F64) -> bool:
+    """Whether two poses (3,) are one."""
+    away = between(pose, other)
+    return math.hypot(away[0], away[1]) <= SAME_M and abs(float(away[2])) <= SAME_RAD
 
 
 def _driven(drive: _Drive, look: Look, pool: MapPool, settings: LocalizationSettings) -> _Drive:
@@ -96,27 +113,34 @@ def _driven(drive: _Drive, look: Look, pool: MapPool, settings: LocalizationSett
     The field shows the mixture of all states. Ends where the map knows nothing speak neither for nor against a place,
     walls that beams go through speak against it.
     """
-    predicted = compose(drive.pose, between(drive.step, look.step))
+    step = between(drive.step, look.step)
+    predicted = compose(drive.pose, step)
     hits = np.flatnonzero(np.isfinite(look.sweep.ranges_m))
     if hits.size > START_BEAMS:
         hits = hits[evenly(hits.size, START_BEAMS)]
-    beams = _beams_of(look.sweep, hits)
+    beams, exponent = _beams_of(look.sweep, hits), temper(hits.size, settings)
     judged = ~ends_off_map(place_sweep(beams, predicted), pool)
-    pose, score = _climb(predicted, beams.ends_m(np.flatnonzero(judged)), pool, settings)
-    score += LOG_LIKELIHOOD_OFF_MAP * int((~judged).sum())
-    places = count_places_through(place_sweep(look.sweep, pose), pool)
-    total = drive.mode.score + temper(hits.size, settings) * score + LOG_LIKELIHOOD_PER_PLACE * places
-    return _Drive(replace(drive.mode, score=total), pose, look.step)
-
-
-def _climb(pose: F64, ends: F64, pool: MapPool, settings: LocalizationSettings) -> tuple[F64, float]:
-    """The best pose around another one in the sharp field, and its log-likelihood."""
-    score = 0.0
+    ends, sigmas = beams.ends_m(np.flatnonzero(judged)), _sigmas(step, is_first=drive.mode.n_looks == 0)
+    pose, score = predicted, 0.0
     for steps in finer_lattices(settings):
-        scores = scan_log_likelihoods(pool.pool, pool.frame, pose + steps, ends)
+        poses = pose + steps
+        slips = ((poses - predicted) / sigmas) ** 2
+        scores = exponent * scan_log_likelihoods(pool.pool, pool.frame, poses, ends) - 0.5 * slips.sum(axis=1)
         best = int(np.argmax(scores))
-        pose, score = pose + steps[best], float(scores[best])
-    return pose, score
+        pose, score = poses[best], float(scores[best])
+    score += exponent * LOG_LIKELIHOOD_OFF_MAP * int((~judged).sum())
+    score += LOG_LIKELIHOOD_PER_PLACE * count_places_through(place_sweep(look.sweep, pose), pool)
+    mode = replace(drive.mode, score=drive.mode.score + score, n_looks=drive.mode.n_looks + 1)
+    return _Drive(mode, pose, look.step)
+
+
+def _sigmas(step: F64, *, is_first: bool) -> F64:
+    """How far odometry may be off after a step, x and y in metres and yaw in radians; before the first, the lattice."""
+    if is_first:
+        return np.array([FOUND_M, FOUND_M, FOUND_RAD])
+    way = float(np.hypot(step[0], step[1]))
+    slip_m, slip_rad = SLIP_M + SLIP * way, SLIP_RAD + SLIP * abs(float(step[2])) + SLIP_RAD_PER_M * way
+    return np.array([slip_m, slip_m, slip_rad])
 
 
 def _beams_of(sweep: Sweep, beams: I64) -> Sweep:

@@ -34,7 +34,7 @@ LEAST_RETURNS = 10
 CANDIDATES = 200_000
 LOG_PRIOR_CARRIED = -10.0
 """Of a robot that is somewhere else altogether, against that it is where it was believed to be."""
-DRIFT_M, DRIFT_RAD = 1.0, math.radians(15.0)
+DRIFT_M, DRIFT_RAD = 0.5, math.radians(10.0)
 """How far odometry alone takes a robot astray until it is searched for."""
 STAYED_M, STAYED_RAD = 0.3, math.radians(8.0)
 """Within this of where the robot is believed to be its particles find the way on their own."""
@@ -205,9 +205,9 @@ def _log_prior(pose: F64, here: F64) -> float:
 def _modes_around(
     here: F64, looks: Sequence[Look], pool: MapPool, settings: LocalizationSettings
 ) -> list[Mode]:
-    """All places within two sigma of drift."""
-    reach = max(round(2.0 * DRIFT_M / settings.start_pitch_m), 1)
-    turns = max(round(2.0 * DRIFT_RAD / math.radians(settings.start_pitch_deg)), 1)
+    """All places within three sigma of drift."""
+    reach = max(round(3.0 * DRIFT_M / settings.start_pitch_m), 1)
+    turns = max(round(3.0 * DRIFT_RAD / math.radians(settings.start_pitch_deg)), 1)
     metres = settings.start_pitch_m * np.arange(-reach, reach + 1)
     yaws = math.radians(settings.start_pitch_deg) * np.arange(-turns, turns + 1)
     poses = here + np.stack(np.meshgrid(metres, metres, yaws, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -21,8 +21,9 @@ APART_M, APART_RAD = 0.75, math.radians(20.0)
 """Candidates closer than this belong to one place."""
 LOG_LIKELIHOOD_OFF_MAP = -1.5
 """Of an end where the map knows nothing: as that of ends in real scans from right poses is on average."""
-SHARE_OF_LOOKS = 0.25
-"""As how many scans one of a drive counts when places are weighed against each other."""
+SCANS_OF_A_DRIVE = 3.0
+"""As how many scans all those of a drive count when places are weighed: where the map is not as the world, or not
+exact, a wrong place may fit a little better all along."""
 LEAST_BELOW = 30.0
 """Of log-likelihoods: by so much the lattice and the drift of the odometry may spoil the best place."""
 _STEPS = np.arange(-2, 3)
@@ -73,7 +74,9 @@ class Mode:
     scores : (n,) float64
         Theirs.
     score : float
-        Log-likelihood of the place.
+        Log-likelihood of the looks from there.
+    n_looks : int
+        How many.
     log_prior : float
         What was believed of the place before.
     """
@@ -82,12 +85,13 @@ class Mode:
     poses: F64
     scores: F64
     score: float
+    n_looks: int
     log_prior: float = 0.0
 
     @property
     def log_weight(self) -> float:
-        """Logarithm of the weight of the place; scans of one drive err together, so they are worth fewer."""
-        return SHARE_OF_LOOKS * self.score + self.log_prior
+        """Logarithm of the weight of the place; scans of one drive err together, so they are worth a few."""
+        return min(SCANS_OF_A_DRIVE / max(self.n_looks, 1), 1.0) * self.score + self.log_prior
 
 
 def look_scores(look: Look, poses: F64, pool: MapPool, field: F32, settings: LocalizationSettings) -> F64:
@@ -131,7 +135,7 @@ def find_modes(
         members = is_near(poses[order], best)
         refined, score = _refined(best, looks, pool, field, settings)
         around = poses[order[members]] + (refined - best)
-        modes.append(Mode(refined, around, scores[order[members]], score))
+        modes.append(Mode(refined, around, scores[order[members]], score, len(looks)))
         order = order[~members]
     return sorted(modes, key=lambda mode: -mode.score)
 
