@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -13,51 +14,34 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.localization.drives import DRIVES, drive_from
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.modes import Look, judge_modes, judged_look, look_scores
+from dynmap_cli.localization.modes import (
+    Candidates,
+    Look,
+    Mode,
+    all_scores,
+    find_modes,
+    is_near,
+    look_scores,
+    open_field,
+)
 from dynmap_cli.localization.particle_filter import Particles, make_particles
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
 
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
-CLEARLY_BETTER = 20.0
-"""Tempered log-likelihood by which another place must beat the current one: in offices whose map was out of date or
-full of people it beat a right pose by up to 15 where one was in doubt, and a wrong one by 36 and more."""
+LOG_PRIOR_CARRIED = -10.0
+"""Of a robot that is somewhere else altogether, against that it is where it was believed to be."""
+DRIFT_M, DRIFT_RAD = 0.5, math.radians(10.0)
+"""How far odometry alone takes a robot astray until it is searched for."""
+STAYED_M, STAYED_RAD = 0.3, math.radians(8.0)
+"""Within this of where the robot is believed to be its particles find the way on their own."""
+LEAST_IN_A_PLACE = 100
+"""Particles at least in each place."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""
-
-
-@dataclass(frozen=True, slots=True)
-class Candidates:
-    """Poses of the lattice that the first scan leaves possible.
-
-    Attributes
-    ----------
-    poses : (n, 3) float64
-        map_from_robot at the first scan.
-    scores : (n,) float64
-        Tempered log-likelihood.
-    """
-
-    poses: F64
-    scores: F64
-
-
-@dataclass(frozen=True, slots=True)
-class Elsewhere:
-    """A place that explains the scans clearly better than where a robot was believed to be.
-
-    Attributes
-    ----------
-    particles : Particles
-        Drawn there.
-    times_clearly : float
-        By how many times `CLEARLY_BETTER` it is better.
-    """
-
-    particles: Particles
-    times_clearly: float
 
 
 def is_usable(log: ScanLog, scan: int, settings: LocalizationSettings) -> bool:
@@ -73,67 +57,63 @@ def global_start(
     random: np.random.Generator,
     executor: ThreadPoolExecutor,
 ) -> Particles:
-    """Particles at the pose of a scan, drawn from a lattice over all free cells and all yaws.
+    """Particles at the pose of a scan, in all places from which this scan and the next ones can be explained.
 
     The lattice sees the union of all states. Later scans are put in by odometry.
     """
-    candidates = lattice_candidates(log, scan, pool, settings, executor)
-    looks = [_look(log, scan, scan, settings)]
-    for later in _later_scans(log, scan, settings):
-        looks.append(_look(log, scan, later, settings))
-        candidates = _with_look(candidates, looks[-1], pool, settings)
-    return draw_start(_judged(candidates, looks, pool, settings), settings, random)
+    looks = list(islice(_looks(log, scan, settings), settings.start_scans))
+    modes = _modes_anywhere(log, scan, looks, pool, settings, executor)
+    return draw_start(drive_from(modes, _looks(log, scan, settings), pool, settings), settings, random)
 
 
 def search_again(
     log: ScanLog,
     scan: int,
-    current: F64,
+    here: F64,
     pool: MapPool,
     settings: LocalizationSettings,
     random: np.random.Generator,
     executor: ThreadPoolExecutor,
-) -> Elsewhere | None:
-    """Look for a lost robot in the whole map, under this scan and the next ones.
+) -> Particles | None:
+    """Look for a lost robot around the pose (3,) where it is believed to be, and in the whole map.
+
+    It may have drifted from there, which is likely, or have been carried anywhere, which is not. Both are weighed by
+    the drive from each place, so that what lies where the map knows nothing speaks against none of them.
 
     Returns
     -------
-    Elsewhere or None
-        None where nothing explains the scans clearly better than the *current* poses (n, 3), all beams and
-        those alone that the map can judge from there: then the world has changed, or the robot is where the
+    Particles or None
+        None where the drive from here explains the scans best: then the world has changed, or the robot is where the
         map knows little, and stays where it is believed to be.
     """
-    candidates = lattice_candidates(log, scan, pool, settings, executor)
-    looks = [_look(log, scan, scan, settings)]
-    rivals = Candidates(current, look_scores(looks[0], current, pool, settings))
-    for later in _later_scans(log, scan, settings):
-        looks.append(_look(log, scan, later, settings))
-        candidates = _with_look(candidates, looks[-1], pool, settings)
-        rivals = _with_look(rivals, looks[-1], pool, settings)
-    candidates = _judged(candidates, looks, pool, settings)
-    here = rivals.poses[int(np.argmax(rivals.scores))]
-    judged = [judged_look(look, here, pool) for look in looks]
-    better_by = math.inf
-    for ways in (looks, judged):
-        best, known = (_best_score(poses, ways, pool, settings) for poses in (candidates.poses, rivals.poses))
-        better_by = min(better_by, best - known)
-        if better_by <= CLEARLY_BETTER:
-            return None
-    return Elsewhere(draw_start(candidates, settings, random), better_by / CLEARLY_BETTER)
+    looks = list(islice(_looks(log, scan, settings), settings.start_scans))
+    near = _modes_around(here, looks, pool, settings)[: DRIVES // 2]
+    far = [
+        mode
+        for mode in _modes_anywhere(log, scan, looks, pool, settings, executor)
+        if not any(bool(is_near(mode.pose[None, :], other.pose)[0]) for other in near)
+    ]
+    modes = [replace(mode, log_prior=_log_prior(mode.pose, here)) for mode in [*near, *far]]
+    modes = drive_from(modes, _looks(log, scan, settings), pool, settings)
+    best = modes[0]
+    away = best.pose - here
+    if math.hypot(away[0], away[1]) <= STAYED_M and abs(wrap_angle(away[2])) <= STAYED_RAD:
+        return None
+    return draw_start(modes, settings, random)
 
 
 def lattice_candidates(
     log: ScanLog, scan: int, pool: MapPool, settings: LocalizationSettings, executor: ThreadPoolExecutor
 ) -> Candidates:
     """Weigh every pose of the lattice under one scan and keep the best."""
-    look = _look(log, scan, scan, settings)
+    look = Look(sweep_of(log, scan, settings.laser_max_range), np.zeros(3))
     points = lattice_points(pool, settings.start_pitch_m)
     n_yaws = max(round(360.0 / settings.start_pitch_deg), 1)
     yaws = wrap_angle(2.0 * np.pi / n_yaws * np.arange(n_yaws, dtype=np.float64))
 
     def weigh(yaw: float) -> F64:
         poses = np.column_stack([points, np.full(points.shape[0], yaw)])
-        return look_scores(look, poses, pool, settings)
+        return look_scores(look, poses, pool, pool.start_field, settings)
 
     scores = np.stack(list(executor.map(weigh, yaws.tolist())))
     flat = scores.ravel()
@@ -164,18 +144,33 @@ def lattice_points(pool: MapPool, pitch_m: float) -> F64:
 
 
 def draw_start(
-    candidates: Candidates, settings: LocalizationSettings, random: np.random.Generator
+    modes: Sequence[Mode], settings: LocalizationSettings, random: np.random.Generator
 ) -> Particles:
-    """Draw `max_particles` from the lattice by likelihood, each somewhere in its cell of the lattice."""
-    weights = np.exp(candidates.scores - candidates.scores.max())
-    sums = np.cumsum(weights)
-    count = settings.max_particles
+    """Draw `max_particles` from all places that are possible, each place with enough of them.
+
+    What the scans leave undecided is decided by the filter on the way.
+    """
+    modes = sorted(modes, key=lambda mode: -mode.log_weight)[: settings.max_particles]
+    shares = np.exp([mode.log_weight - modes[0].log_weight for mode in modes])
+    shares = shares / shares.sum()
+    enough = np.maximum(shares, LEAST_IN_A_PLACE / settings.max_particles)
+    counts = np.maximum((settings.max_particles * enough / enough.sum()).astype(np.int64), 1)
+    counts[0] += settings.max_particles - int(counts.sum())
+    poses = np.concatenate(
+        [_drawn(mode, int(count), settings, random) for mode, count in zip(modes, counts, strict=True)]
+    )
+    return replace(make_particles(poses), weights=np.repeat(shares / counts, counts))
+
+
+def _drawn(mode: Mode, count: int, settings: LocalizationSettings, random: np.random.Generator) -> F64:
+    """Poses (count, 3) of one place by likelihood, each somewhere in its cell of the lattice."""
+    sums = np.cumsum(np.exp(mode.scores - mode.scores.max()))
     teeth = (np.arange(count) + random.random()) / count * sums[-1]
-    drawn = np.minimum(np.searchsorted(sums, teeth, side="right"), weights.size - 1)
+    drawn = np.minimum(np.searchsorted(sums, teeth, side="right"), sums.size - 1)
     size = np.array([settings.start_pitch_m, settings.start_pitch_m, math.radians(settings.start_pitch_deg)])
-    poses = candidates.poses[drawn] + (random.random((count, 3)) - 0.5) * size
+    poses: F64 = mode.poses[drawn] + (random.random((count, 3)) - 0.5) * size
     poses[:, 2] = wrap_angle(poses[:, 2])
-    return make_particles(poses)
+    return poses
 
 
 def given_start(pose: F64, settings: LocalizationSettings, random: np.random.Generator) -> Particles:
@@ -186,32 +181,47 @@ def given_start(pose: F64, settings: LocalizationSettings, random: np.random.Gen
     return make_particles(poses)
 
 
-def _look(log: ScanLog, scan: int, later: int, settings: LocalizationSettings) -> Look:
-    """A later scan, seen from the pose of the first."""
-    step = np.zeros(3) if later == scan else between(log.odometry[scan], log.odometry[later])
-    return Look(sweep_of(log, later, settings.laser_max_range), step)
+def _modes_anywhere(
+    log: ScanLog,
+    scan: int,
+    looks: Sequence[Look],
+    pool: MapPool,
+    settings: LocalizationSettings,
+    executor: ThreadPoolExecutor,
+) -> list[Mode]:
+    """The best places in the whole map."""
+    candidates, field = lattice_candidates(log, scan, pool, settings, executor), pool.start_field
+    scores = candidates.scores + all_scores(looks[1:], candidates.poses, pool, field, settings)
+    return find_modes(Candidates(candidates.poses, scores), looks, pool, field, settings)
 
 
-def _with_look(
-    candidates: Candidates, look: Look, pool: MapPool, settings: LocalizationSettings
-) -> Candidates:
-    """Weigh candidates by one more scan."""
-    scores = look_scores(look, candidates.poses, pool, settings)
-    return Candidates(candidates.poses, candidates.scores + scores)
+def _log_prior(pose: F64, here: F64) -> float:
+    """Of a robot that was believed to be *here* and has drifted, or has been carried away."""
+    away = pose - here
+    drifts = np.array([*(away[:2] / DRIFT_M), float(wrap_angle(away[2])) / DRIFT_RAD])
+    return max(-0.5 * float(drifts @ drifts), LOG_PRIOR_CARRIED)
 
 
-def _judged(
-    candidates: Candidates, looks: list[Look], pool: MapPool, settings: LocalizationSettings
-) -> Candidates:
-    """The candidates in the best places, less what the walls cost that their beams would go through."""
-    kept, scores = judge_modes(candidates.poses, candidates.scores, looks, pool, settings)
-    return Candidates(candidates.poses[kept], scores)
+def _modes_around(
+    here: F64, looks: Sequence[Look], pool: MapPool, settings: LocalizationSettings
+) -> list[Mode]:
+    """All places within three sigma of drift."""
+    reach = max(round(3.0 * DRIFT_M / settings.start_pitch_m), 1)
+    turns = max(round(3.0 * DRIFT_RAD / math.radians(settings.start_pitch_deg)), 1)
+    metres = settings.start_pitch_m * np.arange(-reach, reach + 1)
+    yaws = math.radians(settings.start_pitch_deg) * np.arange(-turns, turns + 1)
+    poses = here + np.stack(np.meshgrid(metres, metres, yaws, indexing="ij"), axis=-1).reshape(-1, 3)
+    field = open_field(pool)
+    found = Candidates(poses, all_scores(looks, poses, pool, field, settings))
+    return find_modes(found, looks, pool, field, settings, math.inf)
 
 
-def _best_score(poses: F64, looks: list[Look], pool: MapPool, settings: LocalizationSettings) -> float:
-    """Of the best place among poses (n, 3), less what the walls cost."""
-    total = sum((look_scores(look, poses, pool, settings) for look in looks), np.zeros(len(poses)))
-    return float(judge_modes(poses, total, looks, pool, settings)[1].max())
+def _looks(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[Look]:
+    """A scan and the next ones, seen from the pose of the first."""
+    yield Look(sweep_of(log, scan, settings.laser_max_range), np.zeros(3))
+    for later in _later_scans(log, scan, settings):
+        step = between(log.odometry[scan], log.odometry[later])
+        yield Look(sweep_of(log, later, settings.laser_max_range), step)
 
 
 def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[int]:
@@ -219,14 +229,12 @@ def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Ite
     linked = log.has_odometry & (log.recording_index == log.recording_index[scan])
     if not linked[scan]:
         return
-    previous, found = scan, 1
+    previous = scan
     for later in range(scan + 1, log.n_scans):
-        if found >= settings.start_scans:
-            return
         if not linked[later]:
             continue
         step = between(log.odometry[previous], log.odometry[later])
         is_apart = math.hypot(step[0], step[1]) >= APART_M or abs(step[2]) >= APART_RAD
         if is_apart and is_usable(log, later, settings):
-            previous, found = later, found + 1
+            previous = later
             yield later

@@ -9,7 +9,7 @@ the whole map: a robot that is lost fits better somewhere else. The lost measure
 particles and search say, each in units of what makes a robot lost on its own:
 
     measure = mean of six scans + LOST (1 - share of the best place) / (1 - 0.8)
-              + LOST (log-likelihood by which another place is better) / CLEARLY_BETTER
+              + LOST (where a search found a better place)
 
 The last term stands in the update in which a search moved the robot. A start that was given is searched
 for in its first update, as whoever gave it may be wrong.
@@ -150,7 +150,7 @@ class Verdict:
         """How much speaks for a wrong pose; the robot is lost above `LOST`.
 
         The mean of the measures of the scans, and as much as makes the robot lost for each `1 - ONE_MODE_SHARE` of
-        the particles' weight that lies elsewhere, and for each `clearly_better` by which a search found a better place.
+        the particles' weight that lies elsewhere, and for a better place that a search found.
         """
         return self._mean() + LOST * self._elsewhere
 
@@ -163,9 +163,9 @@ class Verdict:
             return "lost"
         return "changed" if health.changed > CHANGED_SHARE else "tracking"
 
-    def found_elsewhere(self, times_clearly: float) -> None:
-        """Take into account that a search found a place that is so many times clearly better."""
-        self._elsewhere += times_clearly
+    def found_elsewhere(self) -> None:
+        """Take into account that a search found a better place."""
+        self._elsewhere += 1.0
 
     def _mean(self) -> float:
         return sum(self._measures) / max(len(self._measures), 1)

@@ -1,31 +1,49 @@
-"""The places among many candidate poses: each refined, and charged for the walls its beams would go through."""
+"""The places among many candidate poses."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I64
+from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.domain.poses import compose, wrap_angle
-from dynmap_cli.localization.health import count_places_through, ends_off_map
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, temper
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.states import place_sweep
 
 START_BEAMS = 60
 MODES = 100
+"""Places that are told apart."""
 APART_M, APART_RAD = 0.75, math.radians(20.0)
 """Candidates closer than this belong to one place."""
-LOG_LIKELIHOOD_PER_PLACE = -1.0
-"""Of a scan that goes through walls in one more place: a likelihood field does not see it, and it happens where a
-door was opened, but not in many places."""
-_LEAST_BELOW = 20.0
-"""Candidates with a log-likelihood this far below the best are out of the question."""
+LOG_LIKELIHOOD_OFF_MAP = -1.5
+"""Of an end where the map knows nothing: as that of ends in real scans from right poses is on average."""
+SCANS_OF_A_DRIVE = 3.0
+"""As how many scans all those of a drive count when places are weighed: where the map is not as the world, or not
+exact, a wrong place may fit a little better all along."""
+LEAST_BELOW = 30.0
+"""Of log-likelihoods: by so much the lattice and the drift of the odometry may spoil the best place."""
 _STEPS = np.arange(-2, 3)
+_AROUND = np.stack(np.meshgrid(_STEPS, _STEPS, _STEPS, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Poses of a lattice that scans leave possible.
+
+    Attributes
+    ----------
+    poses : (n, 3) float64
+        map_from_robot at the first scan.
+    scores : (n,) float64
+        Tempered log-likelihood.
+    """
+
+    poses: F64
+    scores: F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,88 +55,112 @@ class Look:
     sweep : Sweep
     step : (3,) float64
         From the pose that the candidates stand for to that of this scan.
-    weight : float
-        Of the scan: the share of its beams that are left in it.
     """
 
     sweep: Sweep
     step: F64
-    weight: float = 1.0
 
 
-def look_scores(look: Look, poses: F64, pool: MapPool, settings: LocalizationSettings) -> F64:
-    """Tempered log-likelihood of a scan from each pose (n, 3), in the blunt field of all states."""
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One place where the robot may be.
+
+    Attributes
+    ----------
+    pose : (3,) float64
+        The best one there, at the first scan.
+    poses : (n, 3) float64
+        Candidates around it; the lattice may lie anywhere, so they are shifted so that the best one is *pose*.
+    scores : (n,) float64
+        Theirs.
+    score : float
+        Log-likelihood of the looks from there.
+    n_looks : int
+        How many.
+    log_prior : float
+        What was believed of the place before.
+    """
+
+    pose: F64
+    poses: F64
+    scores: F64
+    score: float
+    n_looks: int
+    log_prior: float = 0.0
+
+    @property
+    def log_weight(self) -> float:
+        """Logarithm of the weight of the place; scans of one drive err together, so they are worth a few."""
+        return min(SCANS_OF_A_DRIVE / max(self.n_looks, 1), 1.0) * self.score + self.log_prior
+
+
+def look_scores(look: Look, poses: F64, pool: MapPool, field: F32, settings: LocalizationSettings) -> F64:
+    """Tempered log-likelihood of a scan from each pose (n, 3), in a field (rows * cols,)."""
     ends = pose_ends(look.sweep, START_BEAMS)
     moved = compose(poses, look.step)
-    exponent = look.weight * temper(ends.shape[0], settings)
-    return exponent * scan_log_likelihoods(pool.start_field, pool.frame, moved, ends)
+    return temper(ends.shape[0], settings) * scan_log_likelihoods(field, pool.frame, moved, ends)
 
 
-def judged_look(look: Look, pose: F64, pool: MapPool) -> Look:
-    """A scan without the beams that end where the map knows nothing, seen from a pose (3,) at the first scan."""
-    placed = place_sweep(look.sweep, compose(pose, look.step))
-    judged = ~ends_off_map(placed, pool)
-    share = float((judged & placed.hits).sum()) / max(int(placed.hits.sum()), 1)
-    sweep = look.sweep
-    kept = replace(sweep, directions_rad=sweep.directions_rad[judged], ranges_m=sweep.ranges_m[judged])
-    return Look(kept, look.step, share)
+def all_scores(
+    looks: Sequence[Look], poses: F64, pool: MapPool, field: F32, settings: LocalizationSettings
+) -> F64:
+    """Tempered log-likelihood (n,) of all scans together."""
+    return sum((look_scores(look, poses, pool, field, settings) for look in looks), np.zeros(len(poses)))
 
 
-def judge_modes(
-    poses: F64, scores: F64, looks: Sequence[Look], pool: MapPool, settings: LocalizationSettings
-) -> tuple[I64, F64]:
-    """Find the best places, judge each by the best pose in it, and charge it for walls.
+def open_field(pool: MapPool) -> F32:
+    """The blunt field of all states (rows * cols,), where ends in the unknown speak neither for nor against a pose."""
+    unknown = np.maximum(pool.start_field, np.float32(LOG_LIKELIHOOD_OFF_MAP))
+    return np.where(pool.free.ravel(), pool.start_field, unknown)
 
-    How well a candidate fits depends on where in its cell of the lattice the robot is, by ten and more for a right
-    one; among places that look alike that would decide.
 
-    Parameters
-    ----------
-    poses : (n, 3) float64
-    scores : (n,) float64
-        Log-likelihood of all looks together.
-    looks : sequence of Look
+def find_modes(
+    candidates: Candidates,
+    looks: Sequence[Look],
+    pool: MapPool,
+    field: F32,
+    settings: LocalizationSettings,
+    least_below: float = LEAST_BELOW,
+) -> list[Mode]:
+    """The best places among candidates, best first, with the log-likelihood of the looks at the best pose of each.
 
-    Returns
-    -------
-    kept : (m,) int64
-        Candidates that lie in one of the best `MODES` places.
-    scores : (m,) float64
-        Theirs, more by what the best pose around the best of them gains, less by the charge.
+    Candidates that are *least_below* or more below the best are out of the question.
     """
+    poses, scores = candidates.poses, candidates.scores
     order = np.argsort(-scores, kind="stable")
-    order = order[scores[order] > scores[order[0]] - _LEAST_BELOW]
-    kept: list[I64] = []
-    charged: list[F64] = []
-    while order.size and len(kept) < MODES:
-        best = order[0]
-        away = poses[order] - poses[best]
-        members = (np.hypot(away[:, 0], away[:, 1]) <= APART_M) & (
-            np.abs(wrap_angle(away[:, 2])) <= APART_RAD
-        )
-        refined, score = _refined(poses[best], looks, pool, settings)
-        kept.append(order[members])
-        charged.append(scores[order[members]] - scores[best] + score + _charge(refined, looks, pool))
+    order = order[scores[order] > scores[order[0]] - least_below]
+    modes: list[Mode] = []
+    while order.size and len(modes) < MODES:
+        best = poses[order[0]]
+        members = is_near(poses[order], best)
+        refined, score = _refined(best, looks, pool, field, settings)
+        around = poses[order[members]] + (refined - best)
+        modes.append(Mode(refined, around, scores[order[members]], score, len(looks)))
         order = order[~members]
-    return np.concatenate(kept), np.concatenate(charged)
+    return sorted(modes, key=lambda mode: -mode.score)
 
 
-def _charge(pose: F64, looks: Sequence[Look], pool: MapPool) -> float:
-    """What the walls cost that beams go through."""
-    places = sum(
-        count_places_through(place_sweep(look.sweep, compose(pose, look.step)), pool) for look in looks
+def is_near(poses: F64, pose: F64) -> B1:
+    """Which poses (n, 3) are in the same place as another one."""
+    away = poses - pose
+    return np.asarray(
+        (np.hypot(away[:, 0], away[:, 1]) <= APART_M) & (np.abs(wrap_angle(away[:, 2])) <= APART_RAD)
     )
-    return LOG_LIKELIHOOD_PER_PLACE * places
 
 
 def _refined(
-    pose: F64, looks: Sequence[Look], pool: MapPool, settings: LocalizationSettings
+    pose: F64, looks: Sequence[Look], pool: MapPool, field: F32, settings: LocalizationSettings
 ) -> tuple[F64, float]:
-    """The best pose around a candidate, on a lattice four times and then sixteen times as fine, and its score."""
+    """The best pose around a candidate in a blunt field, and its log-likelihood."""
+    score = 0.0
+    for poses in finer_lattices(settings):
+        scores = all_scores(looks, pose + poses, pool, field, settings)
+        best = int(np.argmax(scores))
+        pose, score = pose + poses[best], float(scores[best])
+    return pose, score
+
+
+def finer_lattices(settings: LocalizationSettings) -> list[F64]:
+    """Steps (125, 3) around a pose, four times and then sixteen times as fine as the lattice of a start."""
     size = np.array([settings.start_pitch_m, settings.start_pitch_m, math.radians(settings.start_pitch_deg)])
-    around = np.stack(np.meshgrid(_STEPS, _STEPS, _STEPS, indexing="ij"), axis=-1).reshape(-1, 3)
-    for fineness in (4.0, 16.0):
-        poses = pose + around * size / fineness
-        total = sum((look_scores(look, poses, pool, settings) for look in looks), np.zeros(len(poses)))
-        pose = poses[int(np.argmax(total))]
-    return pose, float(total.max())
+    return [_AROUND * size / fineness for fineness in (4.0, 16.0)]

@@ -208,32 +208,30 @@ class _Tracker:
         self._remember(scan, placed, every_end.ends_m, particles, estimate, in_view)
         self._choose_states(estimate.share, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
         if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
-            found = self._search(scan, particles)
+            found = self._search(scan, estimate.pose)
             if found is not None:
                 return found
         if particles.effective < particles.count / 2:
             particles = resample(particles, settings, self._random)
         return particles
 
-    def _search(self, scan: int, particles: Particles) -> Particles | None:
+    def _search(self, scan: int, pose: F64) -> Particles | None:
         """Look for the robot in the whole map; what fits better elsewhere was lost.
 
         A given start that is confirmed is no search for a robot that was lost.
         """
         result = self._result
-        found = search_again(
-            self._log, scan, particles.poses, self._pool, self._settings, self._random, self._executor
-        )
+        found = search_again(self._log, scan, pose, self._pool, self._settings, self._random, self._executor)
         if found is not None or self._verdict.is_in_doubt:
             result.searches.append(int(self._log.stamps_ns[scan]))
         if found is None:
             return None
-        self._verdict.found_elsewhere(found.times_clearly)
+        self._verdict.found_elsewhere()
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
         self._verdict = Verdict()
         self._unmapped.jumped()
-        self._choose_states(estimate_pose(found.particles).share, SETTLED_SHARE)
-        return found.particles
+        self._choose_states(estimate_pose(found).share, SETTLED_SHARE)
+        return found
 
     def _choose_states(self, share: float, least_share: float) -> None:
         """Let each particle have states of its own while they do not agree on a place."""

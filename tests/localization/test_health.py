@@ -144,8 +144,8 @@ def test_the_measure_is_that_of_scans_and_of_what_lies_elsewhere():
     verdict.judge(CALM, estimate(share=ONE_MODE_SHARE))
     assert verdict.measure == pytest.approx(of_scans + LOST)
     verdict.judge(CALM, estimate())
-    verdict.found_elsewhere(2.0)
-    assert verdict.measure == pytest.approx(of_scans + 2.0 * LOST)
+    verdict.found_elsewhere()
+    assert verdict.measure == pytest.approx(of_scans + LOST)
 
 
 def test_what_lies_where_the_map_knows_nothing_speaks_for_no_wrong_pose():
