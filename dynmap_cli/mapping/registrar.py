@@ -71,16 +71,20 @@ class Registrar:
         label : str
             For the progress bar.
         """
+        # What the round before found is as large as what this one finds.
+        self.front = self.graph = None
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
             self._is_calibrated = True
         motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
-        trusted = without_steps(motion, self._wrong_wheels or ())
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
-            front = self._register(sweeps, trusted, self.calibration, tick)
+            front = self._register(
+                sweeps, without_steps(motion, self._wrong_wheels or ()), self.calibration, tick
+            )
         if self._wrong_wheels is None:
             self._wrong_wheels = self._find_wrong_wheels(sweeps, motion, front)
             if self._wrong_wheels:
+                del front
                 front = self._register(sweeps, without_steps(motion, self._wrong_wheels), self.calibration)
         reversible = self.calibration.reversible
         self.wheel_faults = tuple(

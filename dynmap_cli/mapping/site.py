@@ -64,6 +64,7 @@ class Site:
         sweeps = sweeps_of(self.log, weights)
         is_first = self._front is None
         if self._front is None or self.graph is None or not _few_are_dynamic(weights):
+            self._front = self.graph = None
             self._front, self.graph = self._register(sweeps, label)
             # In the first of several rounds the next one fits the poses again.
             is_last = not is_first or self._settings.max_rounds == 1
