@@ -51,8 +51,8 @@ class Space:
         free = shutil.disk_usage(where).free
         if needed > free:
             msg = (
-                f"{name}: {_gigabytes(needed)} are needed on the disk of {where.parent} for {n_scans} scans, "
-                f"{_gigabytes(free)} are free. Free the place or choose another output."
+                f"{name}: {_size(needed)} are needed on the disk of {where.parent} for {n_scans} scans, "
+                f"{_size(free)} are free. Free the place or choose another output."
             )
             raise ArtifactError(msg)
         if needed >= _WORTH_SAYING_BYTES:
@@ -60,11 +60,12 @@ class Space:
                 "%s: %d scans need about %s on the disk, %s are free",
                 name,
                 n_scans,
-                _gigabytes(needed),
-                _gigabytes(free),
+                _size(needed),
+                _size(free),
             )
 
 
-def _gigabytes(n_bytes: int) -> str:
-    """A size for people."""
-    return f"{n_bytes / 1e9:.1f} GB"
+def _size(n_bytes: int) -> str:
+    """A size for people, in the unit that shows it."""
+    factor, unit = next((pair for pair in ((1e9, "GB"), (1e6, "MB")) if n_bytes >= pair[0]), (1e3, "kB"))
+    return f"{n_bytes / factor:.1f} {unit}"
