@@ -47,6 +47,9 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
         where = Path(str(err.filename or part))
         if err.errno not in _NO_SPACE and not where.is_relative_to(folder.parent):
             raise
+        if err.errno in _NO_SPACE and not where.is_relative_to(part):
+            # It may name what was read.
+            where = part
         msg = f"{where}: cannot be written ({_why(err)}). Choose another output or free the place."
         raise ArtifactError(msg) from err
     finally:

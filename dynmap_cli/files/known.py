@@ -19,6 +19,7 @@ FOUND = "found"
 """Folder in submaps/ and name in patches/ of what was found, where it was corrected by hand."""
 FOUND_PATCHES = f"{FOUND}.zip"
 _PATCHES = "patches.zip"
+_REMEDY = "Take the folder known/ away; sub-maps and states are then numbered anew."
 
 
 def remember(run_dir: Path, into: Path) -> None:
@@ -48,10 +49,10 @@ def known_digests(run_dir: Path) -> dict[str, str]:
 def read_known_submaps(run_dir: Path) -> tuple[SubMap, ...]:
     """Sub-maps of before; none where nothing is known."""
     folder = run_dir / FOLDER
-    return read_submaps(folder) if folder.is_dir() else ()
+    return read_submaps(folder, _REMEDY) if folder.is_dir() else ()
 
 
 def read_known_patches(run_dir: Path) -> tuple[PatchSet, ...]:
     """States of before; none where nothing is known."""
     folder = run_dir / FOLDER
-    return read_patches(folder / _PATCHES) if folder.is_dir() else ()
+    return read_patches(folder / _PATCHES, _REMEDY) if folder.is_dir() else ()

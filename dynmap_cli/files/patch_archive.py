@@ -49,6 +49,7 @@ from dynmap_cli.printable import printable
 _COLUMNS = ("submap", "sequence", "log", "start_s", "end_s", "patch", "membership")
 _VISITS = "sequences.csv"
 _UNREADABLE, _DAMAGED = "not a readable patch archive", "damaged patch archive"
+_REMEDY = "Run `dynmap cluster` again with --force."
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -173,15 +174,15 @@ def _csv_bytes(visits: Sequence[Visit]) -> bytes:
     return stream.getvalue().encode("utf-8")
 
 
-def read_patches(path: Path) -> tuple[PatchSet, ...]:
-    """Read the sub-maps whose states were learned.
+def read_patches(path: Path, remedy: str = _REMEDY) -> tuple[PatchSet, ...]:
+    """Read the sub-maps whose states were learned; *remedy* is what a message advises.
 
     Raises
     ------
     ArtifactError
         If the archive is missing, damaged, absurdly large or of another format version.
     """
-    with _Reader(path) as reader:
+    with _Reader(path, remedy) as reader:
         entries = reader.entries()
         visits = reader.visits(entries)
         with_patches = [entry for entry in entries if entry.patches]
@@ -321,8 +322,9 @@ def _membership(word: str, where: str) -> float:
 class _Reader:
     """An open archive; whatever is wrong with it becomes one line."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, remedy: str = _REMEDY) -> None:
         self._path = path
+        self._remedy = remedy
 
     def __enter__(self) -> _Reader:
         try:
@@ -337,9 +339,7 @@ class _Reader:
             raise self._refused(_DAMAGED, error) from error
 
     def _refused(self, what: str, error: BaseException) -> ArtifactError:
-        return ArtifactError(
-            f"{self._path}: {what} ({reason(error)}). Run `dynmap cluster` again with --force."
-        )
+        return ArtifactError(f"{self._path}: {what} ({reason(error)}). {self._remedy}")
 
     def member(self, name: str, max_bytes: int = MAX_TABLE_BYTES) -> bytes:
         """Content of a member."""

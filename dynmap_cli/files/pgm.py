@@ -148,8 +148,8 @@ def _is_origin(value: object) -> bool:
 
 _ALLOWED: dict[str, tuple[Callable[[object], bool], str]] = {
     "image": (
-        lambda value: isinstance(value, str) and value != "" and "\0" not in value,
-        "the name of a file",
+        lambda value: isinstance(value, str) and value != "" and value.isprintable(),
+        "the name of a file, in printable characters",
     ),
     "resolution": (
         lambda value: _is_number(value, *_RESOLUTIONS_M),

@@ -34,8 +34,8 @@ def check_space(name: str, what: str, n_bytes: int, folder: Path) -> None:
     free = shutil.disk_usage(nearest_folder(folder)).free
     if n_bytes > free:
         msg = (
-            f"{name}: {_gigabytes(n_bytes)} are needed on the disk of {folder.parent} for {what}, "
-            f"{_gigabytes(free)} are free. Free the place or choose another output."
+            f"{name}: {_size(n_bytes)} are needed on the disk of {folder.parent} for {what}, "
+            f"{_size(free)} are free. Free the place or choose another output."
         )
         raise ArtifactError(msg)
     if n_bytes >= _WORTH_SAYING_BYTES:
@@ -43,8 +43,8 @@ def check_space(name: str, what: str, n_bytes: int, folder: Path) -> None:
             "%s: %s need about %s on the disk, %s are free",
             name,
             what,
-            _gigabytes(n_bytes),
-            _gigabytes(free),
+            _size(n_bytes),
+            _size(free),
         )
 
 
@@ -53,6 +53,7 @@ def nearest_folder(path: Path) -> Path:
     return next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())
 
 
-def _gigabytes(n_bytes: int) -> str:
-    """A size for people."""
-    return f"{n_bytes / 1e9:.1f} GB"
+def _size(n_bytes: int) -> str:
+    """A size for people, in the unit that shows it."""
+    factor, unit = next((pair for pair in ((1e9, "GB"), (1e6, "MB")) if n_bytes >= pair[0]), (1e3, "kB"))
+    return f"{n_bytes / factor:.1f} {unit}"

@@ -34,6 +34,7 @@ from dynmap_cli.files.plain_values import (
     whole_at,
 )
 
+_REMEDY = "Run `dynmap segment` again with --force."
 _RESOLUTIONS_M, _MOST_AREA_M2 = (0.001, 100.0), 1e12
 _CONTESTED, _RECURRING, _OWNED, _ELSEWHERE = 0, 64, 254, 205
 
@@ -72,8 +73,8 @@ def write_submaps(folder: Path, submaps: tuple[SubMap, ...]) -> None:
     )
 
 
-def read_submaps(folder: Path) -> tuple[SubMap, ...]:
-    """Read what `write_submaps` wrote.
+def read_submaps(folder: Path, remedy: str = _REMEDY) -> tuple[SubMap, ...]:
+    """Read what `write_submaps` wrote; *remedy* is what a message advises.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def read_submaps(folder: Path) -> tuple[SubMap, ...]:
     try:
         content = parse_yaml(read_text(path))
     except (OSError, ValueError) as err:
-        msg = f"{path}: not a readable list of sub-maps ({reason(err)}). Run `dynmap segment` again."
+        msg = f"{path}: not a readable list of sub-maps ({reason(err)}). {remedy}"
         raise ArtifactError(msg) from err
     found = content.get("format_version") if isinstance(content, dict) else None
     if found != FORMAT_VERSION:
@@ -93,9 +94,7 @@ def read_submaps(folder: Path) -> tuple[SubMap, ...]:
             "Run `dynmap segment` again with --force, or use the dynmap that wrote it."
         )
         raise ArtifactError(msg)
-    with refusing_damage(
-        f"{path}: damaged list of sub-maps", "Run `dynmap segment` again with --force.", ArtifactError
-    ):
+    with refusing_damage(f"{path}: damaged list of sub-maps", remedy, ArtifactError):
         listed = list_at(item_of(content, "submaps", "it"), "submaps")
         if not listed:
             return ()

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from dynmap_cli.domain.grid import FARTHEST_M
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.edits import read_edits
+from dynmap_cli.files.known import read_known_patches, read_known_submaps
 from dynmap_cli.files.patch_archive import read_names, read_patches, read_rounds, read_visits, write_patches
 from dynmap_cli.files.submaps import read_submaps, write_submaps
 from tests.files.test_patch_archive import FRAME, content, manifest_of, npy, rewrite
@@ -372,3 +373,14 @@ def test_bytes_of_the_archive_are_refused_without_the_words_of_python(archive):
             refusal(archive, read)
         archive.write_bytes(whole[:at])
         refusal(archive, read_patches)
+
+
+def test_what_is_known_from_before_is_refused_with_what_helps_there(tmp_path):
+    known = tmp_path / "known"
+    write_submaps(known, content()[0])
+    (known / "patches.zip").write_bytes(b"no archive")
+    with pytest.raises(ArtifactError, match="Take the folder known/ away"):
+        read_known_patches(tmp_path)
+    (known / "submaps.yaml").write_text("[")
+    with pytest.raises(ArtifactError, match="Take the folder known/ away"):
+        read_known_submaps(tmp_path)

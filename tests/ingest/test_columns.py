@@ -181,7 +181,7 @@ def test_a_full_disk_is_refused_before_anything_is_written(tmp_path, monkeypatch
     path = write_bag1(tmp_path / "a.bag", World())
     monkeypatch.setattr(space.shutil, "disk_usage", lambda _: space.shutil._ntuple_diskusage(1000, 500, 500))
     with pytest.raises(
-        ArtifactError, match=r"are needed on the disk of .* for 12 scans, 0.0 GB are free"
+        ArtifactError, match=r"are needed on the disk of .* for 12 scans, 0\.\d kB are free"
     ) as refusal:
         read_recordings([path], IngestSettings(), tmp_path / "scans" / ".part")
     assert refusal.value.exit_code == 5

@@ -104,6 +104,18 @@ def test_one_page_with_all_figures_and_nothing_to_load(tmp_path):
     assert "a.mcap" in page
 
 
+def test_no_name_of_others_is_a_part_of_the_page(tmp_path):
+    evil = "<script>alert(1)</script>"
+    submaps, patch_sets, visits = changing()
+    named = tuple(replace(one, name=evil) for one in submaps)
+    visits = tuple(replace(one, recording=f"{evil}\x1b[31m.bag") for one in visits)
+    write_run(tmp_path / "run", named, patch_sets, visits, {"cluster": {"near_m": evil}})
+    page = report(tmp_path / "run", tmp_path / "out")
+    assert "<script" not in page
+    assert "\x1b" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+
+
 def test_the_same_bytes_in_another_place(tmp_path):
     for place in ("here", "there"):
         write_run(tmp_path / place, *changing())
