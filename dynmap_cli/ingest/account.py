@@ -47,7 +47,6 @@ def report_on(
         scans=log.n_scans,
         geometries=log.sensor_poses.shape[0],
         span_s=round(span_s, 3),
-        rate_hz=round((log.n_scans - 1) / span_s, 3) if span_s > 0 else 0.0,
         out_of_order=out_of_order,
         base_frame=base,
         frames=tree.frames,

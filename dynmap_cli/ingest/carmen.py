@@ -14,6 +14,7 @@ import math
 import re
 from collections import Counter
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
-from dynmap_cli.ingest.plausible import are_coordinates, is_sweep, stamp_of_word, to_ranges_m
+from dynmap_cli.ingest.plausible import FARTHEST_M, are_coordinates, is_sweep, stamps_of_words, to_ranges_m
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, Topic
 from dynmap_cli.ingest.raw_laser import ScanShape
 from dynmap_cli.ingest.text_lines import text_lines
@@ -31,7 +32,7 @@ _OLD_LASERS = (b"FLASER", b"RLASER")
 _NEW_LASERS = (b"ROBOTLASER1", b"ROBOTLASER2")
 _KIND = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,31}")
 _ODOM_WORDS = 10
-_BATCH, _BATCH_BYTES = 256, 1 << 22
+_BATCH, _BATCH_BYTES = 64, 1 << 22
 _NO_STAMP_STEP_NS = 10**9
 _SHORTEST_M = 0.01
 _SICK_REACH_M = 80.0
@@ -49,40 +50,41 @@ def read_carmen(path: Path, name: str, folder: Path | None = None) -> RawRecordi
     return reader.recording
 
 
-class _Sweep(NamedTuple):
-    """A laser line whose ranges are not parsed yet.
+class _Line(NamedTuple):
+    """A line whose numbers are not parsed yet.
 
     Attributes
     ----------
     word : str
         First word of the line.
-    stamp_ns : int
-    shape : ScanShape
+    stamp : bytes
+    poses : list of bytes
+        Six numbers: laser, robot; of ODOM lines three.
+    shape : ScanShape or None
+        None = no sweep.
     text : bytes
         Ranges, in new lines followed by the count of remissions and these.
     n_numbers : int
         How many numbers *text* should hold.
-    poses : tuple of 6 floats
-        Laser, robot.
     """
 
     word: str
-    stamp_ns: int
-    shape: ScanShape
-    text: bytes
-    n_numbers: int
-    poses: tuple[float, ...]
+    stamp: bytes
+    poses: list[bytes]
+    shape: ScanShape | None = None
+    text: bytes = b""
+    n_numbers: int = 0
 
 
 class _Reader:
-    """Takes lines one after the other; parses the ranges of many sweeps at a time."""
+    """Takes lines one after the other; parses the numbers of many at a time."""
 
     def __init__(self, recording: RawRecording) -> None:
         self.recording = recording
         self.counts: Counter[str] = Counter()
-        self.waiting: list[_Sweep] = []
+        self.waiting: dict[str, list[_Line]] = {}
         self.waiting_bytes = 0
-        self.laser_poses: dict[str, list[tuple[float, ...]]] = {}
+        self.laser_poses: dict[str, list[F64]] = {}
 
     def take(self, word: bytes, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
@@ -93,53 +95,59 @@ class _Reader:
         self.counts[name] += 1
         try:
             if word in _OLD_LASERS:
-                self._wait(_old_laser(name, line))
+                found = _old_laser(name, line)
             elif word in _NEW_LASERS:
-                self._wait(_new_laser(name, line))
+                found = _new_laser(name, line)
             elif word == b"ODOM":
-                self._odometry(name, *_odometry_of(line))
-                self.recording.n_read += 1
+                found = _odometry_of(name, line)
+            else:
+                return
         except (ValueError, IndexError):
             self._lost(name)
-
-    def _wait(self, sweep: _Sweep) -> None:
-        """Put a sweep by until there are enough to parse."""
-        self.waiting.append(sweep)
-        self.waiting_bytes += len(sweep.text)
-        if len(self.waiting) >= _BATCH or self.waiting_bytes >= _BATCH_BYTES:
+            return
+        lines = self.waiting.setdefault(name, [])
+        lines.append(found)
+        self.waiting_bytes += len(found.text)
+        if len(lines) >= _BATCH or self.waiting_bytes >= _BATCH_BYTES:
             self._parse_waiting()
 
     def _parse_waiting(self) -> None:
-        """Parse the ranges of all waiting sweeps; one by one where some are malformed."""
-        waiting, self.waiting, self.waiting_bytes = self.waiting, [], 0
+        """Parse all waiting lines."""
+        waiting, self.waiting, self.waiting_bytes = self.waiting, {}, 0
+        for name, lines in waiting.items():
+            self._parse(name, lines)
+
+    def _parse(self, name: str, lines: list[_Line]) -> None:
+        """Parse lines of one kind; one by one where some are malformed."""
         try:
-            values = to_ranges_m(parse_decimals(b" ".join(sweep.text for sweep in waiting)))
-            ends = np.cumsum([sweep.n_numbers for sweep in waiting]) if waiting else np.zeros(1, np.int64)
-            if values.size != ends[-1]:
-                msg = "a line has more or fewer numbers than it says"
+            stamps_ns = stamps_of_words([line.stamp for line in lines])
+            width = len(lines[0].poses)
+            poses = parse_numbers(b" ".join([b" ".join(line.poses) for line in lines])).reshape(-1, width)
+            if poses.shape[0] != len(lines) or not (np.abs(poses) <= FARTHEST_M).all():
+                msg = "not a plausible pose"
                 raise ValueError(msg)
-            parts = np.split(values, ends[:-1])
+            runs = [] if lines[0].shape is None else _ranges_of(lines)
         except ValueError:
-            parts = [_numbers_or_nothing(sweep.text) for sweep in waiting]
-        for sweep, part in zip(waiting, parts, strict=False):
-            if part.size == sweep.n_numbers:
-                self._sweep(sweep, part[: sweep.shape.n_beams])
+            if len(lines) == 1:
+                self._lost(name)
             else:
-                self._lost(sweep.word)
-
-    def _sweep(self, sweep: _Sweep, ranges_m: F32) -> None:
-        """Keep a sweep with the poses of laser and robot."""
-        self.recording.laser(sweep.word).add(sweep.stamp_ns, sweep.stamp_ns, ranges_m, sweep.shape)
-        self.laser_poses.setdefault(sweep.word, []).append(sweep.poses)
-        self._odometry(sweep.word, sweep.stamp_ns, sweep.poses[3:])
-        self.recording.n_read += 1
-
-    def _odometry(self, word: str, stamp_ns: int, pose: tuple[float, ...]) -> None:
-        """Keep an odometry pose."""
-        track = self.recording.odometry.get(word)
+                for line in lines:
+                    self._parse(name, [line])
+            return
+        self.recording.n_read += len(lines)
+        track = self.recording.odometry.get(name)
         if track is None:
-            track = self.recording.odometry[word] = RawOdometry(word)
-        track.add(stamp_ns, (pose[0], pose[1], pose[2]))
+            track = self.recording.odometry[name] = RawOdometry(name)
+        track.add_many(stamps_ns, poses[:, -3:])
+        start = 0
+        for shape, ranges_m in runs:
+            run = slice(start, start + ranges_m.shape[0])
+            laser = self.recording.laser(name)
+            number = np.full(ranges_m.shape[0], laser.number_of(shape), dtype=np.int32)
+            laser.add_many(stamps_ns[run], stamps_ns[run], ranges_m, number, np.zeros(number.size))
+            start = run.stop
+        if runs:
+            self.laser_poses.setdefault(name, []).append(poses)
 
     def _lost(self, word: str) -> None:
         """Count a line that does not parse."""
@@ -150,7 +158,7 @@ class _Reader:
         self._parse_waiting()
         self.recording.topics = [Topic(word, "line", count) for word, count in sorted(self.counts.items())]
         for word, laser in self.recording.lasers.items():
-            poses = np.array(self.laser_poses[word])
+            poses = np.concatenate(self.laser_poses[word])
             laser.robot_from_sensor = mounting(poses[:, 3:6], poses[:, 0:3])
             if laser.robot_from_sensor is None:
                 self.recording.warnings.append(
@@ -166,7 +174,29 @@ def _name_of(word: bytes) -> str:
     return word.decode("ascii") if _KIND.fullmatch(word) else ""
 
 
-def _old_laser(word: str, line: bytes) -> _Sweep:
+def _ranges_of(lines: list[_Line]) -> list[tuple[ScanShape, F32]]:
+    """Shapes of sweeps, and the ranges (n, n_beams) of those of each that follow one another.
+
+    Raises
+    ------
+    ValueError
+        If a line has more or fewer numbers than it says.
+    """
+    values = to_ranges_m(parse_decimals(b" ".join([line.text for line in lines])))
+    if values.size != sum(line.n_numbers for line in lines):
+        msg = "a line has more or fewer numbers than it says"
+        raise ValueError(msg)
+    runs = []
+    start = 0
+    for (shape, n_numbers), run in groupby(lines, key=lambda line: (line.shape, line.n_numbers)):
+        end = start + n_numbers * sum(1 for _ in run)
+        if shape is not None:
+            runs.append((shape, values[start:end].reshape(-1, n_numbers)[:, : shape.n_beams]))
+        start = end
+    return runs
+
+
+def _old_laser(word: str, line: bytes) -> _Line:
     """Take a FLASER or RLASER line apart; the beams of 180 readings start at -90 deg."""
     _, count, rest = line.split(None, 2)
     text, *poses, stamp, _host, _logger = rest.rsplit(None, 9)
@@ -176,18 +206,33 @@ def _old_laser(word: str, line: bytes) -> _Sweep:
     if n_beams < 1 or len(poses) != 6 or text.count(b" ") != n_beams - 1:
         msg = "beam count"
         raise ValueError(msg)
-    return _Sweep(word, stamp_of_word(stamp), flaser_shape(n_beams), text, n_beams, _finite(poses))
+    return _Line(word, stamp, poses, flaser_shape(n_beams), text, n_beams)
 
 
-def _new_laser(word: str, line: bytes) -> _Sweep:
+def _new_laser(word: str, line: bytes) -> _Line:
     """Take a ROBOTLASER line apart, which states its geometry."""
     *header, rest = line.split(None, 9)
     text, *poses, _tv, _rv, _forward, _side, _turn, stamp, _host, _logger = rest.rsplit(None, 14)
-    start_rad, fov_rad, step_rad, reach_m = _finite(header[2:6])
     n_beams = int(header[8])
-    words = text.split()
-    if n_beams < 1 or len(poses) != 6 or len(words) != n_beams + 1 + int(words[n_beams]):
+    if text.endswith(b" 0") and text.count(b" ") == n_beams:
+        n_numbers = n_beams + 1
+    else:
+        words = text.split()
+        n_numbers = len(words)
+        if n_numbers != n_beams + 1 + int(words[n_beams]):
+            n_numbers = 0
+    if n_beams < 1 or len(poses) != 6 or not n_numbers:
         msg = "beam count"
+        raise ValueError(msg)
+    return _Line(word, stamp, poses, _stated_shape(*header[2:6], n_beams), text, n_numbers)
+
+
+@lru_cache(maxsize=64)
+def _stated_shape(start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: int) -> ScanShape:
+    """Directions of ROBOTLASER readings; ValueError where they are not those of a laser."""
+    start_rad, fov_rad, step_rad, reach_m = map(float, (start, fov, step, reach))
+    if not are_coordinates((start_rad, fov_rad, step_rad, reach_m)):
+        msg = "not a plausible number"
         raise ValueError(msg)
     if step_rad == 0.0:
         step_rad = fov_rad / max(n_beams - 1, 1)
@@ -195,34 +240,16 @@ def _new_laser(word: str, line: bytes) -> _Sweep:
         msg = "angles"
         raise ValueError(msg)
     is_stated = 0.0 < reach_m < _SICK_REACH_M
-    shape = ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
-    return _Sweep(word, stamp_of_word(stamp), shape, text, len(words), _finite(poses))
+    return ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
 
 
-def _odometry_of(line: bytes) -> tuple[int, tuple[float, ...]]:
-    """Stamp and pose of an ODOM line; one that is cut off would have its stamp elsewhere."""
+def _odometry_of(word: str, line: bytes) -> _Line:
+    """Take an ODOM line apart; one that is cut off would have its stamp elsewhere."""
     words = line.split()
     if len(words) != _ODOM_WORDS:
         msg = "count of words"
         raise ValueError(msg)
-    return stamp_of_word(words[-3]), _finite(words[1:4])
-
-
-def _finite(words: list[bytes]) -> tuple[float, ...]:
-    """Finite numbers of a plausible size."""
-    values = tuple(map(float, words))
-    if not are_coordinates(values):
-        msg = "not a plausible number"
-        raise ValueError(msg)
-    return values
-
-
-def _numbers_or_nothing(text: bytes) -> F32:
-    """Numbers of one line, none where one of them is no number."""
-    try:
-        return to_ranges_m(parse_numbers(text))
-    except ValueError:
-        return np.zeros(0, dtype=np.float32)
+    return _Line(word, words[-3], words[1:4])
 
 
 @lru_cache(maxsize=64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,6 +20,7 @@ MOST_TURN_RAD = 4.0 * math.pi
 """No sweep starts, or turns, farther than two full circles."""
 
 _LONGEST_STAMP = 40
+_MOST_SECONDS, _MOST_OF_TEN, _DECIMALS = 10, 3, 9
 _LARGEST_F32 = float(np.finfo(np.float32).max)
 
 
@@ -42,6 +44,24 @@ def stamp_of_word(word: bytes) -> int:
         msg = "a stamp out of range"
         raise ValueError(msg)
     return stamp_ns
+
+
+def stamps_of_words(words: Sequence[bytes]) -> I64:
+    """The same of many words (n,)."""
+    size, dot = len(words[0]), words[0].find(b".")
+    characters = np.frombuffer(b"".join(words), dtype=np.uint8)
+    is_usual = 0 < dot <= _MOST_SECONDS and 0 < size - dot - 1 <= _DECIMALS
+    if not is_usual or characters.size != size * len(words) or set(map(len, words)) != {size}:
+        return np.array([stamp_of_word(word) for word in words], dtype=np.int64)
+    digits = characters.reshape(-1, size) - np.uint8(ord("0"))
+    digits[:, dot] = np.where(characters.reshape(-1, size)[:, dot] == ord("."), 0, 255)
+    is_late = dot == _MOST_SECONDS and bool((digits[:, 0] > _MOST_OF_TEN).any())
+    if is_late or (digits > 9).any():
+        return np.array([stamp_of_word(word) for word in words], dtype=np.int64)
+    powers = 10 ** np.array(
+        [*range(_DECIMALS + dot - 1, _DECIMALS - 1, -1), 0, *range(_DECIMALS - 1, -1, -1)]
+    )
+    return np.asarray(digits.astype(np.int64) @ powers[:size])
 
 
 def are_coordinates(values: tuple[float, ...]) -> bool:

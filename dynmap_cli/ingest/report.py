@@ -104,7 +104,7 @@ class IngestReport:
         Sweeps that were accepted.
     geometries : int
         Rows of the geometry table.
-    span_s, rate_hz : float
+    span_s : float
     out_of_order : int
         Sweeps that were stamped before their predecessor; they were sorted.
     base_frame : str
@@ -136,7 +136,6 @@ class IngestReport:
     scans: int
     geometries: int
     span_s: float
-    rate_hz: float
     out_of_order: int
     base_frame: str
     frames: tuple[str, ...]
@@ -166,7 +165,7 @@ class IngestReport:
         names = ", ".join(f"{found.name} ({found.kind})" for found in self.recordings)
         lines = [f"a drive of its own: {self.why_apart}"] if self.why_apart else []
         lines += [
-            f"{names}: {self.scans} scans over {self.span_s:.1f} s, {self.rate_hz:.1f} per second",
+            f"{names}: {self.scans} scans over {self.span_s:.1f} s",
             *(_laser_line(laser) for laser in self.lasers),
             self._odometry_line(),
         ]
@@ -207,7 +206,6 @@ def join_reports(drives: Sequence[IngestReport]) -> IngestReport:
         scans=sum(drive.scans for drive in drives),
         geometries=sum(drive.geometries for drive in drives),
         span_s=round(span_s, 3),
-        rate_hz=round(sum(drive.scans - 1 for drive in drives) / span_s, 3) if span_s > 0 else 0.0,
         out_of_order=sum(drive.out_of_order for drive in drives),
         base_frame=_each(drive.base_frame for drive in drives),
         frames=tuple(sorted({frame for drive in drives for frame in drive.frames})),
@@ -235,7 +233,10 @@ def _each(words: Iterable[str]) -> str:
 def _laser_line(laser: LaserReport) -> str:
     """One sentence on a laser."""
     beams = "-".join(str(count) for count in sorted(set(laser.beams)))
-    what = f"laser {laser.name}: {laser.scans} x {beams} beams over {laser.field_of_view_deg:.0f} deg"
+    what = (
+        f"laser {laser.name}: {laser.scans} x {beams} beams over {laser.field_of_view_deg:.0f} deg, "
+        f"{laser.rate_hz:.1f} per second"
+    )
     if not laser.used:
         return f"{what}; not used, {laser.why}"
     where = "pose on the robot not known"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -50,13 +49,6 @@ class Message:
     msgtype: str
     logged_ns: int
     content: Any
-
-
-def take_messages(recording: RawRecording, messages: Iterable[Message]) -> None:
-    """Sort messages into lasers, odometry and transforms."""
-    for message in messages:
-        take_message(recording, message)
-    end_of_messages(recording)
 
 
 def take_message(recording: RawRecording, message: Message) -> None:

@@ -8,17 +8,21 @@ from pathlib import Path
 
 from dynmap_cli.ingest.bag1_records import bag1_messages
 from dynmap_cli.ingest.bags import UnreadableBagError, damaged, decode_message, decoding_failed
+from dynmap_cli.ingest.batches import Batches
+from dynmap_cli.ingest.blocks import block_of
 from dynmap_cli.ingest.db3_rows import db3_messages
 from dynmap_cli.ingest.foxglove import as_ros
-from dynmap_cli.ingest.kinds import READ_TYPES
+from dynmap_cli.ingest.kinds import READ_TYPES, USED_TYPES
 from dynmap_cli.ingest.mcap_records import mcap_messages
 from dynmap_cli.ingest.plausible import is_stamp
 from dynmap_cli.ingest.raw import RawRecording, Topic, file_name
-from dynmap_cli.ingest.ros_messages import Message, take_messages
-from dynmap_cli.ingest.stored import Losses, StoredMessage
+from dynmap_cli.ingest.ros_messages import Message, end_of_messages
+from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage
 from dynmap_cli.printable import printable
 
 _ROS2_ENCODING = "cdr"
+_ROS_ENCODINGS = frozenset({_ROS2_ENCODING, "ros1"})
+_BYTES_AT_ONCE = 1 << 19
 _READERS: dict[str, Callable[[Path, Losses], Iterator[StoredMessage]]] = {
     ".bag": bag1_messages,
     ".db3": db3_messages,
@@ -49,19 +53,20 @@ def read_salvaged(
     """
     losses = Losses()
     recording = RawRecording(name, kind, folder=folder)
-    counts: Counter[tuple[str, str]] = Counter()
-    span = Span()
-    encodings: set[str] = set()
-    take_messages(recording, _decoded(stored_messages(path, losses), recording, counts, span, encodings))
+    reader = _Reader(recording)
+    for message in stored_messages(path, losses):
+        reader.take(message)
+    reader.finish()
+    counts = reader.counts
     # An MCAP file with other encodings than those of ROS 2 is refused for them, although nothing is wrong with it.
-    is_foreign = path.suffix != ".bag" and not encodings <= {_ROS2_ENCODING}
+    is_foreign = path.suffix != ".bag" and not reader.encodings <= {_ROS2_ENCODING}
     if refusal.why and refusal.why not in losses.why and (losses.why or not is_foreign):
         losses.why.insert(0, refusal.why)
     if not counts:
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
     recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
     if losses.why:
-        line = losses.line(file_name(name), kind, counts.total(), span.seconds)
+        line = losses.line(file_name(name), kind, counts.total(), reader.span.seconds)
         recording.warnings.append(line)
         recording.damage += losses.why
     return recording
@@ -101,28 +106,76 @@ class Span:
         return 0.0 if self.first_ns is None else (self.last_ns - self.first_ns) * 1e-9
 
 
-def _decoded(
-    stored: Iterator[StoredMessage],
-    recording: RawRecording,
-    counts: Counter[tuple[str, str]],
-    span: Span,
-    encodings: set[str],
-) -> Iterator[Message]:
-    """Messages of the types that are used; all are counted, and their encodings noted."""
-    for message in stored:
+class _Reader:
+    """Takes messages as they lie in a damaged recording; those of the types that are used are read many at a time.
+
+    Attributes
+    ----------
+    counts : Counter
+        All messages, by topic and type.
+    span : Span
+    encodings : set of str
+    """
+
+    def __init__(self, recording: RawRecording) -> None:
+        self.counts: Counter[tuple[str, str]] = Counter()
+        self.span = Span()
+        self.encodings: set[str] = set()
+        self._recording = recording
+        self._batches: dict[str, Batches] = {}
+        # A channel is new in each container, but its name and type are not.
+        self._channels: dict[tuple[str, str, str], Channel] = {}
+        self._waiting: dict[str, list[tuple[bytes, int, int]]] = {}
+        self._n_bytes = 0
+
+    def take(self, message: StoredMessage) -> None:
+        """Take one message."""
         channel = message.channel
         encoding, kind = channel.message_encoding, channel.message_type
         if encoding not in READ_TYPES:
             kind = f"{channel.schema_name} ({printable(encoding) or 'no encoding'})"
-        counts[channel.topic, kind] += 1
-        span.add(message.logged_ns)
-        encodings.add(encoding)
+        self.counts[channel.topic, kind] += 1
+        self.span.add(message.logged_ns)
+        self.encodings.add(encoding)
         if kind not in READ_TYPES.get(encoding, ()):
-            continue
-        try:
-            content = decode_message(channel, message.data)
-            said = as_ros(Message(channel.topic, kind, message.logged_ns, content))
-        except Exception as err:
-            decoding_failed(recording, channel.topic, err)
-            continue
-        yield from said
+            return
+        batches = self._batches.get(encoding)
+        if batches is None:
+            batches = self._batches[encoding] = self._new_batches(encoding)
+        if self._channels.setdefault((encoding, channel.topic, kind), channel) != channel:
+            # What is waiting may be of another definition.
+            self._hand_over()
+            self._channels[encoding, channel.topic, kind] = channel
+        number = batches.number_of(channel.topic, kind)
+        self._waiting.setdefault(encoding, []).append((message.data, number, message.logged_ns))
+        self._n_bytes += len(message.data)
+        if self._n_bytes > _BYTES_AT_ONCE:
+            self._hand_over()
+
+    def finish(self) -> None:
+        """Read the rest."""
+        self._hand_over()
+        for batches in self._batches.values():
+            batches.finish()
+        end_of_messages(self._recording)
+
+    def _hand_over(self) -> None:
+        """Give what is waiting to who reads it."""
+        for encoding, waiting in self._waiting.items():
+            data, numbers, logged_ns = zip(*waiting, strict=True)
+            self._batches[encoding].add(block_of(data, numbers, logged_ns))
+        self._waiting, self._n_bytes = {}, 0
+
+    def _new_batches(self, encoding: str) -> Batches:
+        """Who reads messages of one encoding; types are as the standard defines them, whatever the recording says."""
+
+        def decode(topic: str, kind: str, logged_ns: int, data: bytes) -> list[Message]:
+            try:
+                content = decode_message(self._channels[encoding, topic, kind], data)
+                return as_ros(Message(topic, kind, logged_ns, content))
+            except Exception as err:
+                decoding_failed(self._recording, topic, err)
+                return []
+
+        usual = USED_TYPES if encoding in _ROS_ENCODINGS else set()
+        return Batches(self._recording, decode, usual, is_cdr=encoding == _ROS2_ENCODING)

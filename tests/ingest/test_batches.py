@@ -5,9 +5,11 @@ import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.rosbag2 import StoragePlugin
 
 from dynmap_cli.ingest import bags, batches, mcap_chunks
+from dynmap_cli.ingest.bag1_chunks import bag1_blocks
 from dynmap_cli.ingest.bags import read_bag
 from dynmap_cli.ingest.layouts import layout_of
 from dynmap_cli.ingest.space import Space
@@ -186,3 +188,32 @@ def test_chunks_that_overlap_in_time_come_in_the_order_of_rosbags(tmp_path, swap
             (at, block.data_of(row)) for block in blocks for row, at in enumerate(block.logged_ns.tolist())
         ]
     assert found == expected
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_chunks_of_a_bag_come_in_the_order_of_rosbags(tmp_path, swapped):
+    draw = np.random.default_rng(4)
+    writer = Bag1Writer(tmp_path / "a.bag")
+    writer.chunk_threshold = 300
+    writer.set_compression(Bag1Writer.CompressionFormat.LZ4)
+    with writer:
+        connections = [writer.add_connection(topic, SCAN, typestore=ROS1) for topic in ("/a", "/b")]
+        for number in range(200):
+            at = number // 5 * 10 + int(draw.integers(0, 25)) * swapped
+            writer.write(connections[number % 2], at, f"message {number:4}".encode())
+    with AnyReader([tmp_path / "a.bag"]) as reader:
+        expected = [(at, bytes(data)) for _, at, data in reader.messages()]
+        (inner,) = reader.readers
+        numbers = {connection.id: connection.id for connection in inner.connections}
+        blocks = list(bag1_blocks(inner, inner.connections, numbers))
+        found = [
+            (at, block.data_of(row)) for block in blocks for row, at in enumerate(block.logged_ns.tolist())
+        ]
+    assert found == expected
+
+
+def test_a_chunk_whose_index_does_not_fit_is_walked_through(tmp_path, monkeypatch):
+    path = write_mcap(tmp_path / "a.mcap", World(n_scans=N), "ros2")
+    found = content_of(read_bag(path, "a", "MCAP file", Space()))
+    monkeypatch.setattr(mcap_chunks, "_indexed", lambda *_: None)
+    assert found == content_of(read_bag(path, "a", "MCAP file", Space()))

@@ -169,6 +169,16 @@ def test_gaps_and_disorder_are_counted():
     assert (timing.missing, timing.backward, timing.most_backward_s) == (4, 1, 0.1)
 
 
+def test_check_and_ingest_state_the_same_rate_of_a_topic_whatever_the_pauses(tmp_path):
+    later = World(start_ns=START_NS + 20 * 10**9, start_m=0.6, skipped=12)
+    path = write_bag1(tmp_path / "a.bag", World(extra=list(later.messages())))
+    row = next(line.split() for line in check(path).stdout.splitlines() if line.split()[:1] == ["/scan"])
+    _, report = read_recordings([path], IngestSettings())
+    (line,) = [line for line in report.lines() if line.startswith("laser /scan")]
+    assert row[6] == f"{report.lasers[0].timing.rate_hz:.1f}" == "10.0"
+    assert f", {row[6]} per second" in line
+
+
 def test_a_recorder_that_keeps_scans_only_on_the_way_misses_none():
     stamps = START_NS + np.cumsum(np.random.default_rng(1).exponential(1e9, 50)).astype(np.int64)
     timing = timing_of(laser(stamps.tolist()))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynmap_cli.ingest.free_space import Sweeps, find_contradiction
+from dynmap_cli.ingest.free_space import Sweeps, _crosses_solid, find_contradiction
 from dynmap_cli.ingest.ranges import judge_no_return
 
 REACH_M = 8.0
@@ -84,3 +84,38 @@ def test_a_turned_and_shifted_world_gives_the_same_shares():
     here, there = found_in(ranges, poses), found_in(ranges, moved)
     assert here.of_no_returns == pytest.approx(there.of_no_returns, abs=0.1)
     assert here.of_returns == pytest.approx(there.of_returns, abs=0.05)
+
+
+def plain_crosses(lengths_m, angles_rad, origins_m, farthest_m):
+    """Beam after beam, point after point, over cells of 20 cm."""
+    hits, passes, crossed = {}, {}, {}
+    shift = origins_m.min(axis=0) - farthest_m - 0.2
+    for scan, beam in np.ndindex(lengths_m.shape):
+        length_m, angle = lengths_m[scan, beam], angles_rad[scan, beam]
+        toward = np.array([np.cos(angle), np.sin(angle)])
+
+        def cell(along_m, origin=origins_m[scan] - shift, toward=toward):
+            return tuple(np.floor((origin + along_m * toward) / 0.2).astype(int).tolist())
+
+        before_end = [cell(step) for step in np.arange(0.2, farthest_m, 0.2) if step < length_m - 0.5]
+        crossed[scan, beam] = before_end
+        if length_m < farthest_m:
+            hits[cell(length_m)] = hits.get(cell(length_m), 0) + 1
+        if np.isfinite(length_m):
+            for one in before_end:
+                passes[one] = passes.get(one, 0) + 1
+    solid = {one for one, count in hits.items() if count >= max(3, 0.5 * (count + passes.get(one, 0)))}
+    result = np.zeros(lengths_m.shape, dtype=bool)
+    for place, cells in crossed.items():
+        result[place] = any(one in solid for one in cells)
+    return result
+
+
+def test_beams_cross_what_they_cross_point_by_point():
+    ranges, poses = drive_through_a_room(open_side=True, n_scans=30)
+    ranges[np.random.default_rng(1).random(ranges.shape) < 0.1] = np.inf
+    ranges[~(ranges > 0.0)] = np.inf
+    args = ranges, poses[:, 2, None] + BEARINGS, poses[:, :2], REACH_M
+    found = _crosses_solid(*args)
+    assert found.any()
+    np.testing.assert_array_equal(found, plain_crosses(*args))

@@ -90,6 +90,27 @@ def test_without_metres_and_turns_to_both_sides_nobody_knows(legs):
     assert found(with_body(room(poses)), poses).size == 0
 
 
+def plain_moves(poses):
+    """Scan after scan, each compared with the last that was chosen."""
+    chosen = [0]
+    for row in range(1, len(poses)):
+        step = poses[row] - poses[chosen[-1]]
+        turn = (step[2] + np.pi) % (2.0 * np.pi) - np.pi
+        if np.hypot(step[0], step[1]) >= 0.1 or abs(turn) >= np.radians(5.0):
+            chosen.append(row)
+    return chosen
+
+
+@pytest.mark.parametrize("size", [1, 2, 16, 17, 2048, 2049, 2064, 6000])
+def test_moves_are_those_found_scan_by_scan(size):
+    draw = np.random.default_rng(size)
+    speeds_m = draw.choice([0.0, 0.001, 0.02, 0.11], size)
+    speeds_m[np.repeat(draw.random(size // 100 + 1) < 0.5, 100)[:size]] = 0.0
+    yaw = np.cumsum(draw.normal(0.0, 0.02, size) * (speeds_m > 0.0))
+    poses = np.column_stack([np.cumsum(speeds_m * np.cos(yaw)), np.cumsum(speeds_m * np.sin(yaw)), yaw])
+    np.testing.assert_array_equal(moves_of(poses, np.ones(size, dtype=bool)).rows, plain_moves(poses))
+
+
 def test_a_robot_that_stands_with_noisy_odometry_does_not_move():
     poses = RANDOM.normal(0.0, 0.002, (5000, 3))
     moves = moves_of(poses, np.ones(5000, dtype=bool))

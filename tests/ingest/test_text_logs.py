@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.carmen import flaser_shape
 from dynmap_cli.ingest.decimals import parse_decimals
+from dynmap_cli.ingest.plausible import LATEST_NS, stamp_of_word, stamps_of_words
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.written import carmen_line
@@ -50,6 +51,29 @@ def flaser_lines(ahead_m=0.0, poses=None):
 def test_decimals_are_the_nearest_doubles(numbers):
     words = [str(number) for number in numbers]
     np.testing.assert_array_equal(parse_decimals(" ".join(words).encode()), [float(word) for word in words])
+
+
+@given(
+    st.lists(st.from_regex(r"[0-9]{1,4}\.?[0-9]{0,3}|\.[0-9]{1,7}", fullmatch=True), min_size=1, max_size=40)
+)
+def test_decimals_of_any_places_are_the_nearest_doubles(words):
+    np.testing.assert_array_equal(parse_decimals(" ".join(words).encode()), [float(word) for word in words])
+
+
+@given(
+    st.lists(st.from_regex(r"[0-9]{10}\.[0-9]{6}", fullmatch=True), min_size=1, max_size=9),
+    st.sampled_from([b"", b"1.5", b"77", b"976052906.1810904", b"976052906.1810904567"]),
+)
+def test_stamps_of_many_lines_are_those_of_each(words, odd):
+    words = [word.encode() for word in words if int(word[:10]) < LATEST_NS // 10**9] + ([odd] if odd else [])
+    expected = [stamp_of_word(word) for word in words]
+    assert not words or stamps_of_words(words).tolist() == expected
+
+
+@pytest.mark.parametrize("word", [b"9999999999.0", b"4611686018.5", b"1.2.3", b"17000000:0.1", b"nan"])
+def test_words_that_are_no_times_are_refused_among_others(word):
+    with pytest.raises(ValueError):
+        stamps_of_words([word, word])
 
 
 @pytest.mark.parametrize(
