@@ -26,6 +26,8 @@ LOOSE = Calibration(turn_noise_rad=0.01, turn_noise_share=0.3, shift_noise_m=0.0
 PARAMS = FrontEndParams(n_keys=500, reach_m=50.0, wide_turn_rad=0.15)
 """The local map holds whole rooms, so that who drives about in them does not drift. The wide search is for scans that
 do not fit: updates turn by little."""
+CARRIED_M, CARRIED_RAD = 0.5, 0.35
+"""A scan that fits only so far from where the odometry leads fits by chance, or the robot was carried."""
 _CAPACITY = 256
 
 
@@ -54,9 +56,11 @@ class LaserOdometry:
         self._count += 1
         if row == 0:
             return motion
-        if bool(found.flags[row] & LOST):
-            return None
         step = step_between(found.poses[row - 1], found.poses[row])
+        away = step_between(motion.step, step)
+        is_carried = math.hypot(away[0], away[1]) > CARRIED_M or abs(float(away[2])) > CARRIED_RAD
+        if is_carried or bool(found.flags[row] & LOST):
+            return None
         return Motion(step, measured=True, sigmas=self._sigmas(row, step, motion))
 
     def _sigmas(self, row: int, step: F64, motion: Motion) -> F64:
