@@ -12,20 +12,22 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.counting.counts import rays_of
-from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.registration import LOST
-from dynmap_cli.localization.motion import Motion, motion_sigmas, turn_drive_turn
+from dynmap_cli.localization.motion import Motion, motion_sigmas, step_between, turn_drive_turn
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.mapping.front_end import FrontEndParams, Matched, ScanMatcher, Sweeps
 from dynmap_cli.mapping.odometry import Calibration
 
 SIGMA_M, SIGMA_RAD = 0.005, 0.001
 """Noise of a step that was matched, however many beams matched: their errors are not independent."""
-LOOSE = Calibration(turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3)
+LOOSE = Calibration(turn_noise_rad=0.01, turn_noise_share=0.3, shift_noise_m=0.03, shift_noise_share=0.3)
 """Of odometry that nobody has calibrated."""
-PARAMS = FrontEndParams(n_keys=500, reach_m=50.0)
-"""The local map holds whole rooms, so that who drives about in them does not drift."""
+PARAMS = FrontEndParams(n_keys=500, reach_m=50.0, wide_turn_rad=0.15)
+"""The local map holds whole rooms, so that who drives about in them does not drift. The wide search is for scans that
+do not fit: updates turn by little."""
+CARRIED_M, CARRIED_RAD = 0.5, 0.35
+"""A scan that fits only so far from where the odometry leads fits by chance, or the robot was carried."""
 
 
 class LaserOdometry:
@@ -59,9 +61,11 @@ class LaserOdometry:
         self._count += 1
         if row == 0:
             return motion
-        if bool(found.flags[row] & LOST):
+        step = step_between(found.poses[row - 1], found.poses[row])
+        away = step_between(motion.step, step)
+        is_carried = math.hypot(away[0], away[1]) > CARRIED_M or abs(float(away[2])) > CARRIED_RAD
+        if is_carried or bool(found.flags[row] & LOST):
             return None
-        step = between(found.poses[row - 1], found.poses[row])
         return Motion(step, measured=True, sigmas=self._sigmas(row, step, motion))
 
     def _sigmas(self, row: int, step: F64, motion: Motion) -> F64:

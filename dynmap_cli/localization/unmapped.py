@@ -29,7 +29,7 @@ LEAST_JUDGED = 0.85
 """Share of the beams of which the map must be able to say whether they fit; below, the laser goes along."""
 BEFORE = 10
 """Updates before that from which on it is matched."""
-STAYS = 60
+STAYS = 20
 """Updates without such a scan after which the robot is back in the map."""
 EDGE_M = 0.5
 """Ends so near to where the map ends say nothing along its edge; and shorter gaps are no edge."""

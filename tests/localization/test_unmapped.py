@@ -146,6 +146,14 @@ def test_along_a_bare_corridor_a_step_is_as_unsure_as_the_odometry(run):
     assert abs(found.step[0] - 0.1) < 0.01
 
 
+def test_a_scan_that_fits_only_away_from_the_odometry_is_no_step(run):
+    settings = LocalizationSettings()
+    laser, still = LaserOdometry(run.log, settings), Motion(np.zeros(3), measured=True)
+    assert laser.match(0, still) is not None
+    way_m = np.hypot(*(run.true_poses[:, :2] - run.true_poses[0, :2]).T)
+    assert laser.match(int(np.argmax(way_m > 0.8)), still) is None
+
+
 def test_edges_are_their_plain_twin():
     cells = np.full((60, 70), UNKNOWN, dtype=np.int8)
     cells[10:50, 10:40] = FREE
