@@ -56,8 +56,8 @@ def possible_combinations(seen: F64) -> F64:
     Returns
     -------
     (n, n_objects) float64
-        At most `MAX_COMBINATIONS` beyond those seen; among those that differ in as many objects, first those in whose
-        favour the shares of the single objects speak.
+        At most `MAX_COMBINATIONS`, or all that were seen; among those that differ in as many objects, first those in
+        whose favour the shares of the single objects speak.
     """
     n_objects = seen.shape[1]
     if n_objects == 0:

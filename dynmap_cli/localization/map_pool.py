@@ -20,6 +20,8 @@ from dynmap_cli.localization.settings import LocalizationSettings
 
 EXPLAINED_M = 0.2
 """An end this close to something in the map is explained by it."""
+BESIDE_CELLS = 2
+"""So far beside what differs between states its edges may lie, as visits lie up to a cell apart."""
 MARGIN_M = 1.0
 """Around the map, so that ends just beyond a wall at its edge are still near it."""
 FROM_ALL_SIDES = 255
@@ -39,7 +41,7 @@ class SubMapStates:
     frame : GridFrame
         The rectangle.
     owned : (rows, cols) bool
-        Cells that a state knows; what the others hold stands in the map, or belongs to another sub-map.
+        Cells that the states are asked about; what the others hold stands in the map, or belongs to another sub-map.
     field_start : (n_states,) int64
         Where the field of each state starts in the pool.
     likelihoods : (n_states, rows, cols) float32
@@ -161,9 +163,9 @@ def make_map_pool(
     sets = [patch_set for patch_set in patch_sets if patch_set.patches]
     frame = _common_frame(grid.frame, sets)
     cells = _placed(grid, frame)
-    owner = _owners(frame, sets)
-    static = (cells == OCCUPIED) & (owner < 0)
     solid = [_solid_states(patch_set) for patch_set in sets]
+    owner = _owners(frame, sets, solid)
+    static = (cells == OCCUPIED) & (owner < 0)
     union = _union(static, owner, sets, solid, frame)
     distance = _far_at_the_border(_distance_m(static, frame.resolution_m))
     start = frame.rows * frame.cols
@@ -269,14 +271,19 @@ def slices_of(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
     return slice(row, row + inner.rows), slice(col, col + inner.cols)
 
 
-def _owners(frame: GridFrame, sets: Sequence[PatchSet]) -> I32:
+def _owners(frame: GridFrame, sets: Sequence[PatchSet], solid: Sequence[B1]) -> I32:
     """Index of the patch set that each cell belongs to, -1 = none, so that the map says what is there.
 
-    Rectangles may overlap, but each cell is known to the states of one sub-map only.
+    A sub-map of several states owns what is known within `BESIDE_CELLS` of where these differ: of the walls around, the
+    map has seen more than the visits of any state. Rectangles may overlap, but each cell is known to the states of one
+    sub-map only.
     """
     owner = np.full(frame.shape, -1, dtype=np.int32)
-    for number, patch_set in enumerate(sets):
+    for number, (patch_set, states) in enumerate(zip(sets, solid, strict=True)):
         known = np.isfinite([patch.reflectance for patch in patch_set.patches]).any(axis=0)
+        if len(patch_set.patches) > 1:
+            differ = states.any(axis=0) & ~states.all(axis=0)
+            known &= ndimage.binary_dilation(differ, np.ones((3, 3), dtype=bool), BESIDE_CELLS)
         window = owner[slices_of(patch_set.frame, frame)]
         window[known & (window < 0)] = number
     return owner

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from dynmap_cli.domain.grid import FREE, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, Patch, PatchSet, Visit
@@ -15,7 +16,7 @@ from dynmap_cli.localization.combinations import (
     switches_of,
 )
 from dynmap_cli.localization.found import StateRow
-from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.map_pool import BESIDE_CELLS, make_map_pool
 from dynmap_cli.localization.parts import independent_parts, nearest_object, whole_parts
 from dynmap_cli.localization.sensor import Sweep
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -251,3 +252,16 @@ def test_what_a_patch_does_not_know_is_no_other_state():
     for state, shown in zip(on[2:].tolist(), part.shown[2:].tolist(), strict=True):
         assert shown == ([0.0, 1.0] if state[0] == 1.0 else [0.0, 0.0])
     assert part.on_probabilities[1].tolist() == [1.0, 0.5]
+
+
+def test_what_no_state_changes_is_left_to_the_map():
+    whole = sub_map(IN_TURN)
+    wall = np.zeros(whole.frame.shape, dtype=bool)
+    wall[0] = True
+    for patch in whole.patches:
+        patch.reflectance[wall] = 0.9
+    (submap,) = pool_of(parts_of(whole)).submaps
+    beside = ndimage.binary_dilation(whole.varying, np.ones((3, 3), dtype=bool), BESIDE_CELLS)
+    np.testing.assert_array_equal(submap.owned, beside)
+    one_state = PatchSet(5, whole.frame, whole.varying, whole.patches[:1], 1.0)
+    assert pool_of(whole_parts([one_state])).submaps[0].owned.all()
