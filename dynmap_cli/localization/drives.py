@@ -25,8 +25,9 @@ from dynmap_cli.localization.states import place_sweep
 
 DRIVES = 30
 """Places that are driven from."""
-MOST_LOOKS = 200
-"""Scans after which several places stay possible."""
+START_LOOKS, SEARCH_LOOKS = 200, 24
+"""Scans after which several places stay possible. A search can be made again, and where the map knows little a drive
+drifts."""
 LEAST_SHARE = 1e-3
 """Places that weigh less against the best are out of the question."""
 FOUND_M, FOUND_RAD = 0.1, math.radians(2.0)
@@ -61,7 +62,11 @@ class _Drive:
 
 
 def drive_from(
-    modes: Sequence[Mode], looks: Iterable[Look], pool: MapPool, settings: LocalizationSettings
+    modes: Sequence[Mode],
+    looks: Iterable[Look],
+    most_looks: int,
+    pool: MapPool,
+    settings: LocalizationSettings,
 ) -> list[Mode]:
     """Weigh places by the drives from them, over `start_scans` looks or until only one is possible.
 
@@ -74,6 +79,8 @@ def drive_from(
         Best first.
     looks : iterable of Look
         As far as they are needed.
+    most_looks : int
+        After which several places stay possible.
 
     Returns
     -------
@@ -84,7 +91,7 @@ def drive_from(
     for number, look in enumerate(looks):
         if number >= settings.start_scans:
             drives = _possible(drives)
-            if len(drives) == 1 or number >= MOST_LOOKS:
+            if len(drives) == 1 or number >= most_looks:
                 break
         drives = [_driven(drive, look, pool, settings) for drive in drives]
     return [drive.mode for drive in _possible(drives)]

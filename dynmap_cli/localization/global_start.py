@@ -14,7 +14,7 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.localization.drives import DRIVES, drive_from
+from dynmap_cli.localization.drives import DRIVES, SEARCH_LOOKS, START_LOOKS, drive_from
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.modes import (
     Candidates,
@@ -63,7 +63,9 @@ def global_start(
     """
     looks = list(islice(_looks(log, scan, settings), settings.start_scans))
     modes = _modes_anywhere(log, scan, looks, pool, settings, executor)
-    return draw_start(drive_from(modes, _looks(log, scan, settings), pool, settings), settings, random)
+    return draw_start(
+        drive_from(modes, _looks(log, scan, settings), START_LOOKS, pool, settings), settings, random
+    )
 
 
 def search_again(
@@ -94,7 +96,7 @@ def search_again(
         if not any(bool(is_near(mode.pose[None, :], other.pose)[0]) for other in near)
     ]
     modes = [replace(mode, log_prior=_log_prior(mode.pose, here)) for mode in [*near, *far]]
-    modes = drive_from(modes, _looks(log, scan, settings), pool, settings)
+    modes = drive_from(modes, _looks(log, scan, settings), SEARCH_LOOKS, pool, settings)
     best = modes[0]
     away = best.pose - here
     if math.hypot(away[0], away[1]) <= STAYED_M and abs(wrap_angle(away[2])) <= STAYED_RAD:

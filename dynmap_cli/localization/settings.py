@@ -23,7 +23,10 @@ class LocalizationSettings(BaseModel):
     start_pitch_m: float = Field(0.25, ge=0.05, le=1, description="Pitch of the lattice of a global start.")
     start_pitch_deg: float = Field(4.0, ge=1, le=30, description="Its step in yaw.")
     start_scans: int = Field(
-        12, ge=1, le=20, description="Scans, 0.5 m or 20 degrees apart, that a global start uses together."
+        12,
+        ge=1,
+        le=20,
+        description="Scans, 0.5 m or 20 degrees apart, of a global start; more while places look alike.",
     )
 
     min_particles: int = Field(500, ge=10, le=1_000_000, description="Particles at least.")
