@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I32, I64
+from dynmap_cli.arrays import F64, I32, I64, U16
 from dynmap_cli.kernels.jit import kernel
 
 TWO_PI = 2.0 * math.pi
@@ -48,6 +48,56 @@ def move_poses(poses: F64, turns: F64, length_m: float, sigmas: F64, noise: F64,
         out[k, 0] = poses[k, 0] + along * cos - across * sin
         out[k, 1] = poses[k, 1] + along * sin + across * cos
         out[k, 2] = wrapped(yaw + turns[1] - sigmas[3] * noise[3, k])
+
+
+@kernel
+def places_on_curve(poses: F64, curve: U16, out: U16) -> None:
+    """Write where each particle lies along a curve that fills a box of three standard deviations around their mean.
+
+    Parameters
+    ----------
+    poses : (n, 3) float64
+    curve : (size, size, size) uint16
+        Number of each cell of the box in x, y and yaw along the curve.
+    out : (n,) uint16
+    """
+    n, size = poses.shape[0], curve.shape[0]
+    x0, y0, yaw0 = poses[0, 0], poses[0, 1], poses[0, 2]
+    x = y = yaw = xx = yy = tt = 0.0
+    for k in range(n):
+        dx, dy, turn = poses[k, 0] - x0, poses[k, 1] - y0, wrapped(poses[k, 2] - yaw0)
+        x, y, yaw = x + dx / n, y + dy / n, yaw + turn / n
+        xx, yy, tt = xx + dx * dx / n, yy + dy * dy / n, tt + turn * turn / n
+    per_x = size / 6.0 / math.sqrt(max(xx - x * x, 1e-18))
+    per_y = size / 6.0 / math.sqrt(max(yy - y * y, 1e-18))
+    per_yaw = size / 6.0 / math.sqrt(max(tt - yaw * yaw, 1e-18))
+    middle, last = 0.5 * size, size - 1.0
+    for k in range(n):
+        dx, dy, turn = poses[k, 0] - x0 - x, poses[k, 1] - y0 - y, wrapped(poses[k, 2] - yaw0) - yaw
+        col = int(min(max(middle + dx * per_x, 0.0), last))
+        row = int(min(max(middle + dy * per_y, 0.0), last))
+        out[k] = curve[col, row, int(min(max(middle + turn * per_yaw, 0.0), last))]
+
+
+@kernel
+def spread_normals(order: I64, steps: F64, offsets: F64, quantiles: F64, out: F64) -> None:
+    r"""Write standard normal numbers that are spread evenly, the k-th point of a lattice for particle order[k].
+
+    .. math:: u_{kj} = (k a_j + o_j) \bmod 1, \qquad z_{kj} = \Phi^{-1}(u_{kj})
+
+    Parameters
+    ----------
+    order : (n,) int64
+    steps, offsets : (4,) float64
+        a and o, in [0, 1).
+    quantiles : (m,) float64
+        Of the normal distribution, in the middle of m equal parts.
+    out : (4, n) float64
+    """
+    for k in range(order.size):
+        for j in range(steps.size):
+            u = k * steps[j] + offsets[j]
+            out[j, order[k]] = quantiles[int((u - math.floor(u)) * quantiles.size)]
 
 
 @kernel

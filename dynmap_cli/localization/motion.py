@@ -11,6 +11,7 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.kernels.particles import mean_step, move_poses
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.spread_noise import spread_noise
 
 SHORTEST_STEP_M = 0.01
 SHARE_OF_STEP = 0.3
@@ -48,9 +49,8 @@ def sample_motion(
     """
     first, length, last = _turn_drive_turn_of(motion)
     all_sigmas = np.asarray(motion_sigmas(motion, settings))
-    noise = random.standard_normal((4, poses.shape[0]))
     out = np.empty(poses.shape)
-    move_poses(np.ascontiguousarray(poses), np.array([first, last]), length, all_sigmas, noise, out)
+    move_poses(poses, np.array([first, last]), length, all_sigmas, spread_noise(poses, random), out)
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from statistics import NormalDist
 
 import numpy as np
 from scipy import ndimage
@@ -149,6 +150,25 @@ def plain_odometry_step(pose, step, noise, alphas):
     r2 = rot2 - math.sqrt(a1 * n2**2 + a2 * length**2) * noise[2]
     x, y, yaw = pose
     return x + d * math.cos(yaw + r1), y + d * math.sin(yaw + r1), yaw + r1 + r2
+
+
+def plain_places_on_curve(poses, curve):
+    """Cell of each pose in a box of three standard deviations around the mean, by its number along the curve."""
+    turns = np.array([math.remainder(yaw - poses[0, 2], 2 * math.pi) for yaw in poses[:, 2]])
+    away = np.column_stack([poses[:, :2] - poses[0, :2], turns])
+    scaled = (away - away.mean(axis=0)) / np.maximum(away.std(axis=0), 1e-9)
+    cells = np.clip(curve.shape[0] * (0.5 + scaled / 6.0), 0, curve.shape[0] - 1).astype(int)
+    return [int(curve[tuple(cell)]) for cell in cells]
+
+
+def plain_spread_normals(order, steps, offsets):
+    """Quantiles at the points of a shifted lattice, dealt out in an order; of 4096 equal parts the middle."""
+    normal, out = NormalDist(), np.empty((4, len(order)))
+    for k, particle in enumerate(order):
+        for j in range(4):
+            part = int(((k * steps[j] + offsets[j]) % 1.0) * 4096)
+            out[j, particle] = normal.inv_cdf((part + 0.5) / 4096)
+    return out
 
 
 def plain_motion_moments(step, sigmas):
