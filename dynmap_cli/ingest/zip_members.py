@@ -43,7 +43,13 @@ class Member:
 
 
 def members_of(archive: zipfile.ZipFile, path: Path) -> list[Member]:
-    """Files that a whole archive lists."""
+    """Files that a whole archive lists.
+
+    Raises
+    ------
+    zipfile.BadZipFile
+        If the list points to where no file begins.
+    """
     found = []
     with path.open("rb") as stream:
         for info in archive.infolist():
@@ -56,10 +62,15 @@ def _reader_of(
     archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path, stream: IO[bytes]
 ) -> Callable[[], Iterator[bytes]]:
     """Content of a member that is listed; zipfile reads what is encrypted or compressed in an unusual way."""
-    stream.seek(info.header_offset)
-    head = stream.read(_LOCAL.size)
+    head = b""
+    if 0 <= info.header_offset < path.stat().st_size:
+        stream.seek(info.header_offset)
+        head = stream.read(_LOCAL.size)
+    if len(head) < _LOCAL.size or not head.startswith(_MAGIC):
+        msg = "the list of files points beside them"
+        raise zipfile.BadZipFile(msg)
     is_usual = info.compress_type == _STORED or info.compress_type in _METHODS
-    if info.flag_bits & _ENCRYPTED or not is_usual or len(head) < _LOCAL.size or not head.startswith(_MAGIC):
+    if info.flag_bits & _ENCRYPTED or not is_usual:
         return lambda: _listed(archive, info)
     *_, name_bytes, extra_bytes = _LOCAL.unpack(head)
     start = info.header_offset + _LOCAL.size + name_bytes + extra_bytes

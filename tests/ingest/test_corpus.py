@@ -92,3 +92,12 @@ def test_of_a_file_with_a_wrong_byte_all_scans_before_are_recovered(written, var
         count, _ = recovered(tmp_path / "flip", name, bytes(changed))
         # One message may be taken for another, or its end for its own.
         assert count >= scans_within(variant, data, at) - 1, at
+
+
+def test_of_a_zip_whose_list_points_beside_its_file_all_is_recovered(written, tmp_path):
+    name, data = written["carmen zip"]
+    changed = bytearray(data)
+    changed[data.rindex(b"PK\x01\x02") + 42] ^= 0xAA
+    count, damage = recovered(tmp_path / "beside", name, bytes(changed))
+    assert count == 60
+    assert "the list of its files is missing or damaged" in " ".join(damage)
