@@ -79,8 +79,9 @@ def search_again(
 ) -> Particles | None:
     """Look for a lost robot around the pose (3,) where it is believed to be, and in the whole map.
 
-    It may have drifted from there, which is likely, or have been carried anywhere, which is not. Both are weighed by
-    the drive from each place, so that what lies where the map knows nothing speaks against none of them.
+    It may have drifted from there, which is likely, or have been carried anywhere, which is not: that is believed only
+    where no place around is possible any more. Both are weighed by the drive from each place, so that what lies where
+    the map knows nothing speaks against none of them.
 
     Returns
     -------
@@ -97,8 +98,8 @@ def search_again(
     ]
     modes = [replace(mode, log_prior=_log_prior(mode.pose, here)) for mode in [*near, *far]]
     modes = drive_from(modes, _looks(log, scan, settings), SEARCH_LOOKS, pool, settings)
-    best = modes[0]
-    away = best.pose - here
+    modes = [mode for mode in modes if mode.log_prior > LOG_PRIOR_CARRIED] or modes
+    away = modes[0].pose - here
     if math.hypot(away[0], away[1]) <= STAYED_M and abs(wrap_angle(away[2])) <= STAYED_RAD:
         return None
     return draw_start(modes, settings, random)
