@@ -10,20 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.domain.poses import between, wrap_angle
+from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError
+from dynmap_cli.localization.health import Novelties, lost_measure, scan_health
 from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.modes import Look, judge_modes, judged_look, look_scores
+from dynmap_cli.localization.modes import Look, judge_modes, judged_look, look_scores, refined_pose
 from dynmap_cli.localization.particle_filter import Particles, make_particles
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.states import place_sweep
 
 LEAST_RETURNS = 10
 CANDIDATES = 200_000
-CLEARLY_BETTER = 20.0
+CLEARLY_BETTER = 30.0
 """Tempered log-likelihood by which another place must beat the current one: in offices whose map was out of date or
-full of people it beat a right pose by up to 15 where one was in doubt, and a wrong one by 36 and more."""
+full of people it beat a right pose by up to 21, and a wrong one by 36 and more."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""
 
@@ -119,6 +121,9 @@ def search_again(
         better_by = min(better_by, best - known)
         if better_by <= CLEARLY_BETTER:
             return None
+    there = candidates.poses[int(np.argmax(candidates.scores))]
+    if _contradiction(there, looks, pool, settings) >= _contradiction(here, looks, pool, settings):
+        return None
     return Elsewhere(draw_start(candidates, settings, random), better_by / CLEARLY_BETTER)
 
 
@@ -212,6 +217,20 @@ def _best_score(poses: F64, looks: list[Look], pool: MapPool, settings: Localiza
     """Of the best place among poses (n, 3), less what the walls cost."""
     total = sum((look_scores(look, poses, pool, settings) for look in looks), np.zeros(len(poses)))
     return float(judge_modes(poses, total, looks, pool, settings)[1].max())
+
+
+def _contradiction(pose: F64, looks: list[Look], pool: MapPool, settings: LocalizationSettings) -> float:
+    """How much the scans speak for a wrong pose, on average, at the best pose around one.
+
+    A new thing in view of many scans makes a likelihood field prefer a place that looks alike but has it not, though
+    beams go through walls there; the lost measure knows that things shorten beams.
+    """
+    pose, _ = refined_pose(pose, looks, pool, settings)
+    states = dict.fromkeys(range(len(pool.submaps)), 0)
+    placed = [place_sweep(look.sweep, compose(pose, look.step)) for look in looks]
+    return sum(lost_measure(scan_health(one, pool, states, Novelties(pool), 0.0)) for one in placed) / len(
+        looks
+    )
 
 
 def _later_scans(log: ScanLog, scan: int, settings: LocalizationSettings) -> Iterator[int]:

@@ -11,7 +11,8 @@ particles and search say, each in units of what makes a robot lost on its own:
     measure = mean of six scans + LOST (1 - share of the best place) / (1 - 0.8)
               + LOST (log-likelihood by which another place is better) / CLEARLY_BETTER
 
-The last term stands in the update in which a search moved the robot. A start that was given is searched
+The last term stands in the update in which a search moved the robot, which it does only where the scans
+contradict the map less than here. A start that was given is searched
 for in its first update, as whoever gave it may be wrong.
 """
 

@@ -23,8 +23,9 @@ APART_M, APART_RAD = 0.75, math.radians(20.0)
 LOG_LIKELIHOOD_PER_PLACE = -1.0
 """Of a scan that goes through walls in one more place: a likelihood field does not see it, and it happens where a
 door was opened, but not in many places."""
-_LEAST_BELOW = 20.0
-"""Candidates with a log-likelihood this far below the best are out of the question."""
+_LEAST_BELOW = 30.0
+"""Candidates with a log-likelihood this far below the best are out of the question; the lattice alone takes 20 from a
+right one between its points."""
 _STEPS = np.arange(-2, 3)
 
 
@@ -96,7 +97,7 @@ def judge_modes(
         members = (np.hypot(away[:, 0], away[:, 1]) <= APART_M) & (
             np.abs(wrap_angle(away[:, 2])) <= APART_RAD
         )
-        refined, score = _refined(poses[best], looks, pool, settings)
+        refined, score = refined_pose(poses[best], looks, pool, settings)
         kept.append(order[members])
         charged.append(scores[order[members]] - scores[best] + score + _charge(refined, looks, pool))
         order = order[~members]
@@ -111,7 +112,7 @@ def _charge(pose: F64, looks: Sequence[Look], pool: MapPool) -> float:
     return LOG_LIKELIHOOD_PER_PLACE * places
 
 
-def _refined(
+def refined_pose(
     pose: F64, looks: Sequence[Look], pool: MapPool, settings: LocalizationSettings
 ) -> tuple[F64, float]:
     """The best pose around a candidate, on a lattice four times and then sixteen times as fine, and its score."""
