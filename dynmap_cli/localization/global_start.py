@@ -25,7 +25,8 @@ LEAST_RETURNS = 10
 CANDIDATES = 200_000
 CLEARLY_BETTER = 30.0
 """Tempered log-likelihood by which another place must beat the current one: in offices whose map was out of date or
-full of people it beat a right pose by up to 21, and a wrong one by 36 and more."""
+full of people it beat a right pose by up to 21, and a wrong one by 36 and more.
+In places that look alike, new things make it more: see `_contradiction`."""
 APART_M, APART_RAD = 0.5, math.radians(20.0)
 """Scans closer together than this say the same thing twice."""
 
