@@ -16,8 +16,9 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.registration import LOST
 from dynmap_cli.localization.motion import Motion, motion_sigmas, step_between, turn_drive_turn
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.mapping.front_end import FrontEndParams, Matched, ScanMatcher, Sweeps
-from dynmap_cli.mapping.odometry import Calibration
+from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.matcher import FrontEndParams, Matched, ScanMatcher
+from dynmap_cli.scan_matching.sweeps import Sweeps
 
 SIGMA_M, SIGMA_RAD = 0.005, 0.001
 """Noise of a step that was matched, however many beams matched: their errors are not independent."""

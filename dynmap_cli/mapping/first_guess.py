@@ -19,7 +19,7 @@ from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.tables import new_table
-from dynmap_cli.mapping.front_end import times_of
+from dynmap_cli.scan_matching.sweeps import times_of
 
 _WINDOW_S = 8.0
 _CELL_M = 0.2

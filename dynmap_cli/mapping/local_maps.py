@@ -19,7 +19,7 @@ from dynmap_cli.kernels.local_maps import (
     draw_local_map,
 )
 from dynmap_cli.kernels.map_fits import fit_scans, judge_fit, refine_local_map, search_coarse
-from dynmap_cli.mapping.front_end import Sweeps
+from dynmap_cli.scan_matching.sweeps import Sweeps
 
 _EVERY, _MEMBERS = 10, 8
 _MAX_POINTS, _HALF_CELLS = 20_000, 640

@@ -5,79 +5,19 @@ Time lag, rotation scale and bias, translation scale and noise come from a first
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import between, wrap_angle
+from dynmap_cli.scan_matching.calibration import ENOUGH_SCANS, Calibration
 
 _MAX_LAG_SCANS, _MAX_LAG_S = 3.0, 0.6
-_ENOUGH_SCANS, _ENOUGH_BACKWARDS = 100, 10
+_ENOUGH_BACKWARDS = 10
 _STEP_M = 0.02
 _LAG_STEPS, _SMOOTHING = 5, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 _TURN_CAP_RAD = 0.05
 _CLEARLY_LESS = 0.95
 _SCALE_PRIOR_RAD, _BIAS_PRIOR_M = 3.0, 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Calibration:
-    """What is wrong with a recording's odometry, as far as the scans tell.
-
-    Attributes
-    ----------
-    lag_scans : float
-        The odometry of scan i is that of scan i + lag_scans; 0 where the lag is given in seconds.
-    lag_s : float
-        The same in seconds of the scan stamps.
-    rotation_scale : float
-        True turn per turn of the odometry.
-    rotation_bias_rad_m : float
-        Additional turn per metre travelled.
-    translation_scale : float
-    turn_noise_rad, turn_noise_share : float
-        Standard deviation of a turn: constant part, and share of the turn.
-    shift_noise_m, shift_noise_share : float
-        The same for the shift.
-    reversible : bool
-        The odometry has no sign: the robot reverses, the odometry never does.
-    step_noise_m, step_noise_rad : float
-        Standard deviation of shift and turn of a step of corrected odometry against the scans, as measured (robust).
-    n_steps : int
-        Steps this was found from; 0 = too few, the odometry is taken as it is.
-    sweep : str
-        In which order the beams of a sweep were seen to be made: "first to last", "last to first", or "at once"
-        where the scans fit best without correction for the motion during the sweep.
-    """
-
-    lag_scans: float = 0.0
-    lag_s: float = 0.0
-    rotation_scale: float = 1.0
-    rotation_bias_rad_m: float = 0.0
-    translation_scale: float = 1.0
-    turn_noise_rad: float = 0.005
-    turn_noise_share: float = 0.1
-    shift_noise_m: float = 0.01
-    shift_noise_share: float = 0.2
-    reversible: bool = False
-    step_noise_m: float = 0.0
-    step_noise_rad: float = 0.0
-    n_steps: int = 0
-    sweep: str = "at once"
-
-    def sentence(self) -> str:
-        """All of it in one line for people."""
-        if self.n_steps == 0:
-            return f"odometry taken as it is: less than {_ENOUGH_SCANS} steps in it match well"
-        lag = f"{self.lag_s:+.3f} s" if self.lag_s else f"{self.lag_scans:+.2f} scans"
-        sign = "no sign, " if self.reversible else ""
-        return (
-            f"odometry: lag {lag}, turns x {self.rotation_scale:.3f} "
-            f"{np.degrees(self.rotation_bias_rad_m):+.2f} deg per metre, distance x {self.translation_scale:.3f}, "
-            f"{sign}then {1e3 * self.step_noise_m:.1f} mm and {np.degrees(self.step_noise_rad):.2f} deg "
-            f"from the scans per step ({self.n_steps} steps)"
-        )
 
 
 def corrected_motion(odometry: F64, times_s: F64, calibration: Calibration) -> F64:
@@ -141,7 +81,7 @@ def calibrate(
         & np.isfinite(odometry[1:]).all(axis=1)
         & np.isfinite(odometry[:-1]).all(axis=1)
     )
-    if int(usable.sum()) < _ENOUGH_SCANS:
+    if int(usable.sum()) < ENOUGH_SCANS:
         return Calibration(reversible=reversible)
     lag_scans, loss_scans = _best_lag(odometry, times_s, steps, usable, in_seconds=False)
     lag_s, loss_s = _best_lag(odometry, times_s, steps, usable, in_seconds=True)
@@ -190,7 +130,7 @@ def lacks_sign(odometry: F64, matched: F64, is_sure: B1) -> bool:
         Scans whose match fixes the position in both directions; along a bare corridor any step fits.
     """
     forward = between(odometry[:-1], odometry[1:])[:, 0]
-    if not (np.nansum(forward > _STEP_M) > _ENOUGH_SCANS and np.nansum(forward < -_STEP_M / 2) == 0):
+    if not (np.nansum(forward > _STEP_M) > ENOUGH_SCANS and np.nansum(forward < -_STEP_M / 2) == 0):
         return False
     found = between(matched[:-1], matched[1:])[:, 0]
     backwards = is_sure[1:] & is_sure[:-1] & (forward > _STEP_M) & (found < -_STEP_M)
@@ -230,7 +170,7 @@ def _best_lag(
     lags = np.linspace(-limit, limit, 61)
     length = _LAG_STEPS + _SMOOTHING.size - 1
     whole = np.convolve(usable, np.ones(length), mode="valid") > length - 0.5
-    if int(whole.sum()) < _ENOUGH_SCANS:
+    if int(whole.sum()) < ENOUGH_SCANS:
         return 0.0, 0.0
     found = _smooth_turns(np.concatenate([[0.0], np.cumsum(steps[:, 2])]))[whole]
     losses = np.empty(lags.size)

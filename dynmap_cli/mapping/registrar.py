@@ -11,11 +11,14 @@ from dynmap_cli.arrays import B1, F64
 from dynmap_cli.counting.counts import Rays, rays_of
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops
-from dynmap_cli.mapping.front_end import FrontEndParams, Registered, Sweeps, register
+from dynmap_cli.mapping.front_end import Registered, register
 from dynmap_cli.mapping.loops import LoopParams
-from dynmap_cli.mapping.odometry import Calibration, calibrate, corrected_motion, lacks_sign
+from dynmap_cli.mapping.odometry import calibrate, corrected_motion, lacks_sign
 from dynmap_cli.mapping.wheel_faults import WheelFault, find_wheel_faults, suspicious_stops, without_steps
 from dynmap_cli.progress import Tick, progress
+from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.matcher import FrontEndParams
+from dynmap_cli.scan_matching.sweeps import Sweeps
 
 _log = logging.getLogger(__name__)
 _CALIBRATION_SCANS = 4000

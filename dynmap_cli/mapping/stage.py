@@ -17,7 +17,6 @@ from dynmap_cli.files.registered import write_registered
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.mapping.back_end import Graph
 from dynmap_cli.mapping.demands import check_scans
-from dynmap_cli.mapping.front_end import times_of
 from dynmap_cli.mapping.graph_files import rejected_by_reason, write_graph
 from dynmap_cli.mapping.odometry import corrected_motion
 from dynmap_cli.mapping.registrar import Registrar
@@ -32,6 +31,7 @@ from dynmap_cli.mapping.warnings import (
     warn_of_wheels,
 )
 from dynmap_cli.mapping.wheel_faults import without_steps
+from dynmap_cli.scan_matching.sweeps import times_of
 from dynmap_cli.stage import Stage, StageContext
 
 _BYTES_PER_BEAM, _BYTES_PER_SCAN = 10, 200

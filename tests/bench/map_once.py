@@ -21,10 +21,10 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.mapping import registrar, rounds, site
-from dynmap_cli.mapping.front_end import FrontEndParams
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.mapping.warnings import warn_of_odometry
+from dynmap_cli.scan_matching.matcher import FrontEndParams
 from tests.bench.perturbations import PERTURBATIONS
 
 PARTS = (

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import asdict
 
-from dynmap_cli.mapping.front_end import FrontEndParams
 from dynmap_cli.mapping.loops import LoopParams
+from dynmap_cli.scan_matching.matcher import FrontEndParams
 from tests.bench.mapped import Mapped, Variant, mapped, relations_m
 from tests.bench.real_logs import LOGS, AbsentError, RealLog
 from tests.bench.tables import Row, Table, number

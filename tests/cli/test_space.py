@@ -34,7 +34,7 @@ def test_what_is_needed_is_said_where_it_is_much(tmp_path, monkeypatch, caplog):
 def test_a_stage_is_refused_where_the_disk_is_full_and_its_files_stay(made, full_disk, unharmed, name):
     before = unharmed(made.run_dir)
     with pytest.raises(
-        ArtifactError, match=f"^{name}: .* are needed on the disk of .*, 0.0 kB are free. Free"
+        ArtifactError, match=f"^{name}: .* are needed on the disk of .*, 1.0 kB are free. Free"
     ) as no:
         run_one(made.run_dir, name, Config(), threads=1, force=True)
     assert "\n" not in str(no.value) and no.value.exit_code == 5

@@ -18,8 +18,8 @@ from dynmap_cli.kernels.local_maps import (
     draw_local_map,
 )
 from dynmap_cli.kernels.map_fits import judge_fit, search_coarse
-from dynmap_cli.mapping.front_end import sweeps_of
 from dynmap_cli.mapping.local_maps import Easel, make_local_maps
+from dynmap_cli.scan_matching.sweeps import sweeps_of
 from tests.reference.mapping import plain_coarse_field, plain_judge, plain_local_map, plain_normal
 
 WALLS = np.array(

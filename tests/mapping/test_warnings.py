@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from dynmap_cli.mapping.odometry import Calibration
 from dynmap_cli.mapping.warnings import (
     warn_of_bent_path,
     warn_of_contradictions,
@@ -13,6 +12,7 @@ from dynmap_cli.mapping.warnings import (
     warn_of_wheels,
 )
 from dynmap_cli.mapping.wheel_faults import WheelFault
+from dynmap_cli.scan_matching.calibration import Calibration
 
 
 def fault(is_frozen, odometry_m, scans_m):
