@@ -29,7 +29,7 @@ class LocalizationSettings(BaseModel):
         description="Scans, 0.5 m or 20 degrees apart, of a global start; more while places look alike.",
     )
 
-    min_particles: int = Field(500, ge=10, le=1_000_000, description="Particles at least.")
+    min_particles: int = Field(1000, ge=10, le=1_000_000, description="Particles at least.")
     max_particles: int = Field(3000, ge=10, le=1_000_000, description="Particles at most.")
     pf_err: float = Field(
         0.05, ge=0.001, lt=1, description="KLD sampling: error of the distribution allowed."
