@@ -10,7 +10,7 @@ import numpy as np
 
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.grid import GridFrame
-from dynmap_cli.kernels.sweeps import see_places
+from dynmap_cli.kernels.novelties import see_places
 from dynmap_cli.localization.map_pool import SubMapStates
 
 STAYS_S, FORGOTTEN_S = 5.0, 2.0

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import transform_points
+from dynmap_cli.kernels.novelties import see_places
 from dynmap_cli.kernels.sweeps import (
     are_marked,
     explain_by_states,
     first_crossing,
     place_beams,
-    see_places,
     sort_beams,
     walls_crossed,
     weigh_states,
