@@ -67,10 +67,10 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
     share = sum(one.updates for one in places) / len(rows)
     worst = max(places, key=lambda one: one.share)
     words = (
-        f"{100 * share:.0f} % of the run in changed surroundings, worst at {worst.place} "
+        f"{100 * share:.0f} % of the run in changed surroundings, worst: {worst.place.called} "
         f"(t = {(worst.stamp_ns - first_ns) * 1e-9:.1f} s, {100 * worst.share:.0f} % of the beams)"
     )
-    named = [str(one.place) for one in places if one.updates >= LEAST_UPDATES]
+    named = [one.place.called for one in places if one.updates >= LEAST_UPDATES]
     if named:
         n_more = len(named) - MOST_NAMED
         more = f" and {n_more} more {'place' if n_more == 1 else 'places'}" if n_more > 0 else ""

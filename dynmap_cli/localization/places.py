@@ -49,6 +49,13 @@ class Place:
             return f"sub-map {self.submap_id}"
         return f"{self.kind} {self.x_m:.1f} {self.y_m:.1f}"
 
+    @property
+    def called(self) -> str:
+        """For people."""
+        if self.submap_id is not None:
+            return str(self)
+        return f"the {self.kind} at ({self.x_m:.1f}, {self.y_m:.1f}) m"
+
 
 class NovelPlaces:
     """Remembers where something was seen that the map does not explain, and since when.

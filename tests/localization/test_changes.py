@@ -28,15 +28,15 @@ def test_updates_in_one_place_are_counted_together_and_the_worst_is_named():
     assert (first.updates, first.place, first.stamp_ns) == (6, SAME_BOX, 6 * 10**9)
     assert (second.updates, second.place) == (1, GAP)
     assert changed_line(rows, 0) == (
-        "70 % of the run in changed surroundings, worst at object 3.5 4.2 (t = 6.0 s, 30 % of the beams); "
-        "a map update is advised for object 3.5 4.2"
+        "70 % of the run in changed surroundings, worst: the object at (3.5, 4.2) m (t = 6.0 s, 30 % of the beams); "
+        "a map update is advised for the object at (3.5, 4.2) m"
     )
 
 
 def test_a_sub_map_is_a_place_of_its_own():
     rows = [row(k, "changed", place, 0.1) for k in range(6) for place in (BOX, DOOR)]
     assert [str(one.place) for one in changed_places(rows)] == ["object 3.0 4.0", "sub-map 7"]
-    assert "advised for object 3.0 4.0, sub-map 7" in changed_line(rows, 0)
+    assert "advised for the object at (3.0, 4.0) m, sub-map 7" in changed_line(rows, 0)
 
 
 def test_nothing_changed_nothing_said():
