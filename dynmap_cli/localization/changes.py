@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.localization.found import HealthRow
-from dynmap_cli.localization.health import lost_measure
 from dynmap_cli.localization.places import Place
 
 SAME_PLACE_M = 1.5
 LEAST_UPDATES = 5
 """What was seen changed in fewer updates is not worth an update of the map."""
 MOST_NAMED = 5
-ANOTHER_PLACE, ANOTHER_SHARE = 1.8, 0.2
-"""A recording is not of the place of the map if the lost measure of so large a share of its scans is above this. The
-robot is put where most of its scans fit, and places look alike; in its own place 8 % were the most among crowds and
-where walls had been torn down, in another 15 % the least."""
+ANOTHER_PLACE, ANOTHER_SHARE = 1.8, 0.1
+"""A recording is not of the place of the map if the lost measure of the verdict is above this in so large a share of
+its updates. The robot is put where most of its scans fit, and places look alike; what it drives through outside the
+map counts only where beams go through walls."""
 
 
 @dataclass(slots=True)
@@ -60,8 +59,8 @@ def changed_places(rows: Sequence[HealthRow]) -> list[ChangedPlace]:
 
 
 def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
-    """One sentence on where the map is out of date; empty where it is not."""
-    places = changed_places(rows)
+    """One sentence on where the map is out of date; empty where it is not, or is of another place."""
+    places = [] if is_another_place(rows) else changed_places(rows)
     if not places:
         return ""
     share = sum(one.updates for one in places) / len(rows)
@@ -79,9 +78,8 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
 
 
 def is_another_place(rows: Sequence[HealthRow]) -> bool:
-    """Whether a recording was not made in the place of the map: a fifth of its scans or more contradict it."""
-    against = [lost_measure(row.health) > ANOTHER_PLACE for row in rows]
-    return bool(rows) and sum(against) >= ANOTHER_SHARE * len(rows)
+    """Whether a recording was not made in the place of the map: many updates contradict it wherever it is put."""
+    return bool(rows) and float(np.mean([row.lost > ANOTHER_PLACE for row in rows])) >= ANOTHER_SHARE
 
 
 def _is_same(one: Place, other: Place) -> bool:

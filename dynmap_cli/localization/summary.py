@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.changes import changed_line
 from dynmap_cli.localization.found import Localization
 from dynmap_cli.localization.state_tables import NEVER_MAPPED, PatchBelief
@@ -34,15 +36,15 @@ def summarize(
     n_updates = max(len(found.health), 1)
     n_scans = int(found.trajectory.stamps_ns.size)
     shares = {verdict: verdicts[verdict] / n_updates for verdict in VERDICTS}
-    words = [f"{100 * shares['tracking']:.0f} % tracking"]
+    words = [f"{_percent(shares['tracking'])} tracking"]
     if verdicts["changed"]:
-        words.append(f"{100 * shares['changed']:.0f} % in changed surroundings")
-    words.append(f"{100 * shares['lost']:.0f} % lost" if verdicts["lost"] else "never lost")
+        words.append(f"{_percent(shares['changed'])} in changed surroundings")
+    words.append(f"{_percent(shares['lost'])} lost" if verdicts["lost"] else "never lost")
     if found.searches:
         times = "once" if len(found.searches) == 1 else f"{len(found.searches)} times"
         words.append(f"searched for in the whole map {times}")
     first_ns = int(found.trajectory.stamps_ns[0]) if n_scans else 0
-    lines = [f"{n_scans} scans: {', '.join(words)}"]
+    lines = [f"{n_scans} scans{_from_start(found.trajectory)}: {', '.join(words)}"]
     if changed := changed_line(found.health, first_ns):
         lines.append(changed)
     by_submap: dict[int, list[PatchBelief]] = {}
@@ -61,6 +63,19 @@ def summarize(
         "submaps_seen": len(by_submap),
         "lines": lines,
     }
+
+
+def _percent(share: float) -> str:
+    """A share for people."""
+    return "< 1 %" if 0.0 < share < 0.005 else f"{100 * share:.0f} %"
+
+
+def _from_start(trajectory: Trajectory) -> str:
+    """Where the robot was found to start."""
+    if not trajectory.stamps_ns.size:
+        return ""
+    x_m, y_m, yaw_rad = trajectory.poses[0].tolist()
+    return f" from ({x_m:.2f}, {y_m:.2f}) m, {math.degrees(yaw_rad):.0f} deg"
 
 
 def _called(submap_id: int, names: Mapping[int, str]) -> str:

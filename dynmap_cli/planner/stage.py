@@ -67,7 +67,7 @@ def export_map(run_dir: Path, out_dir: Path, rule: StateRule) -> dict[str, Any]:
         "submaps": rows,
         "map": str(out_dir / f"{MAP_NAME}.yaml"),
         "mask": str(out_dir / f"{MASK_NAME}.yaml"),
-        "lines": [_line(row) for row in rows] or ["no sub-map: the map says it all, the mask is empty"],
+        "lines": [_line(row) for row in rows] or ["no sub-map: the mask is empty"],
     }
 
 

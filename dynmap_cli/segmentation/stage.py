@@ -139,7 +139,7 @@ def run(context: StageContext) -> dict[str, Any]:
 def describe(submaps: tuple[SubMap, ...]) -> list[str]:
     """Say what was found, for people."""
     if not submaps:
-        return ["no sub-map: nothing was seen in two states, the plain map says it all"]
+        return ["no sub-map: no area was seen in two states well enough"]
     area = sum(submap.area_m2 for submap in submaps)
     places = [
         f"{submap.called} at ({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f}) "

@@ -6,9 +6,9 @@ from dynmap_cli.localization.health import ScanHealth
 from dynmap_cli.localization.places import Place
 
 
-def row(second, verdict="tracking", place=None, changed=0.0, unexplained=0.0, through=0.0):
-    health = ScanHealth(1.0 - unexplained, 0.0, unexplained, through, 0.0, changed, place)
-    return HealthRow(second * 10**9, health, -1.0, 500.0, 0.0, verdict)
+def row(second, verdict="tracking", place=None, changed=0.0, lost=0.0):
+    health = ScanHealth(1.0, 0.0, 0.0, 0.0, 0.0, changed, place)
+    return HealthRow(second * 10**9, health, -1.0, 500.0, 0.0, verdict, lost)
 
 
 BOX, SAME_BOX, GAP = Place("object", 3.0, 4.0), Place("object", 3.5, 4.2), Place("opening", 8.0, 1.0)
@@ -44,9 +44,12 @@ def test_nothing_changed_nothing_said():
     assert changed_line([], 0) == ""
 
 
-def test_a_recording_of_another_place_contradicts_the_map_in_many_scans():
-    assert is_another_place([row(k, through=0.1, unexplained=0.3) for k in range(9)])
-    assert not is_another_place([row(k, unexplained=0.3) for k in range(9)])
-    assert is_another_place([row(k, through=0.3 * (k < 2), unexplained=0.3) for k in range(9)])
-    assert not is_another_place([row(k, through=0.3 * (k < 1), unexplained=0.3) for k in range(9)])
+def test_a_recording_of_another_place_contradicts_the_map_in_many_updates():
+    rows = [row(k, lost=3.0 * (k < 2)) for k in range(20)]
+    assert is_another_place(rows)
+    assert not is_another_place(rows[1:])
     assert not is_another_place([])
+
+
+def test_no_update_is_advised_for_the_map_of_another_place():
+    assert changed_line([row(k, "changed", BOX, 0.1, lost=3.0) for k in range(9)], 0) == ""

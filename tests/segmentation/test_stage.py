@@ -40,7 +40,7 @@ def test_a_static_log_gives_no_submap(sigma_m, sigma_deg):
     run, frame = corridor()
     submaps, _ = find_submaps(run.log, shifted_poses(run, sigma_m, sigma_deg), frame, SETTINGS)
     assert submaps == ()
-    assert describe(submaps) == ["no sub-map: nothing was seen in two states, the plain map says it all"]
+    assert describe(submaps) == ["no sub-map: no area was seen in two states well enough"]
 
 
 def test_people_who_walk_or_stand_for_a_minute_make_none():
