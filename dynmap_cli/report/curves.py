@@ -63,6 +63,10 @@ def draw_visits(visits: Sequence[Visit], submaps: Sequence[SubMap]) -> bytes:
     clock = _Clock(visits)
     figure = Figure(figsize=(8.0, 1.6 + 0.28 * len(numbers)), dpi=100, layout="constrained")
     axes = figure.subplots()
+    if not visits:
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, "no sub-map was visited", ha="center", va="center")
+        return as_png(figure)
     for row, number in enumerate(numbers):
         own = sorted((v for v in visits if v.submap_id == number), key=lambda v: (v.start_ns, v.sequence))
         spans = [(clock.at(visit.start_ns), clock.at(visit.end_ns)) for visit in own]

@@ -43,7 +43,7 @@ def draw_rounds_of_map(
     for (title, _), grid in zip(titled, grids, strict=True):
         extra = np.argwhere((grid.cells == OCCUPIED) & ~walls)
         picture = MapPicture(grid, *_PANEL_PIXELS).draw(grid.frame.to_points(extra), (), ())
-        panels.append((f"{title}: {extra.shape[0]} cell{'s' * (extra.shape[0] != 1)} too many", picture))
+        panels.append((f"{title}: {extra.shape[0]} orange cell{'s' * (extra.shape[0] != 1)}", picture))
     maps, curves = side_by_side(panels), Image.open(io.BytesIO(curves_png)).convert("RGB")
     sheet = Image.new(
         "RGB", (max(maps.width, curves.width), maps.height + _GAP_PIXELS + curves.height), (255, 255, 255)
