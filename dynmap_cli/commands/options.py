@@ -27,7 +27,19 @@ if TYPE_CHECKING:
     from dynmap_cli.pipeline import StageResult
 
 Function = Callable[..., Any]
-PATH = click.Path(path_type=Path)
+
+
+class _NamedPath(click.Path):
+    """A path that has a name: an empty one, as from a shell variable that is not set, would be the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path as given."""
+        if str(value) == "":
+            self.fail("the path is empty; for the current folder give `.`", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _NamedPath(path_type=Path)
 MAX_THREADS = 1024
 MAX_SEED = 2**63 - 1
 

@@ -111,6 +111,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ArtifactError(msg)
     content = {
         "negate": 0,
+        "mode": "trinary",
         "occupied_thresh": OCCUPIED_THRESH,
         "free_thresh": FREE_THRESH,
         **content,
@@ -126,6 +127,12 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         )
         raise ArtifactError(msg)
     numbers = {key: float(content[key]) for key in ("resolution", "occupied_thresh", "free_thresh")}
+    if numbers["free_thresh"] >= numbers["occupied_thresh"]:
+        msg = (
+            f"{path}: free_thresh {numbers['free_thresh']:g} must be below occupied_thresh "
+            f"{numbers['occupied_thresh']:g}; usual are {FREE_THRESH} and {OCCUPIED_THRESH}."
+        )
+        raise ArtifactError(msg)
     return {**content, **numbers, "origin": origin}
 
 
@@ -157,6 +164,10 @@ _ALLOWED: dict[str, tuple[Callable[[object], bool], str]] = {
     ),
     "origin": (_is_origin, f"[x, y, yaw] in metres and radians, at most {FARTHEST_M:g} m away"),
     "negate": (lambda value: value in (0, 1), "0 or 1"),
+    "mode": (
+        lambda value: value in ("trinary", "scale"),
+        "trinary, or scale, of which what lies between the thresholds is unknown",
+    ),
     "occupied_thresh": (lambda value: _is_number(value, 0.0, 1.0), "a number from 0 to 1"),
     "free_thresh": (lambda value: _is_number(value, 0.0, 1.0), "a number from 0 to 1"),
 }

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from dynmap_cli.domain.grid import OCCUPIED, CountingMap, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
@@ -35,6 +36,8 @@ from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
 _MUCH_LOST = 0.2
+_LONG_GAP_S = 5.0
+"""A robot that stands weighs a scan every second."""
 _MUCH_CHANGED = 0.5
 START_MARGIN_M = 5.0
 """A robot may start where its map has no cells, but not far from them."""
@@ -46,7 +49,7 @@ def run(context: StageContext) -> dict[str, Any]:
     log = read_scan_log(context.scans_dir)
     grid, warnings = read_map(context.map_yaml or context.run_dir / "map" / "map.yaml")
     _check_start(settings, grid)
-    warnings += _warn_of_empty(grid)
+    warnings += _warn_of_map(grid)
     patch_sets = _patch_sets(context)
     parts = _parts(context, patch_sets)
     pool = make_map_pool(grid, [part.states for part in parts], settings)
@@ -73,7 +76,8 @@ def run(context: StageContext) -> dict[str, Any]:
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, believed, _names(context))
-    warnings += [*found.warnings, *_warn_of_losses(summary["lost"], found.health)]
+    warnings += [*found.warnings, *_warn_of_gaps(log, found.health, settings)]
+    warnings += _warn_of_losses(summary["lost"], found.health)
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
 
@@ -104,9 +108,31 @@ def _warn_of_changes(rows: Sequence[HealthRow]) -> list[str]:
     ]
 
 
-def _warn_of_empty(grid: OccupancyGrid) -> list[str]:
-    """A map that shows hardly anything says nothing of where the robot is."""
-    occupied = int(np.count_nonzero(grid.cells == OCCUPIED))
+def _warn_of_gaps(log: ScanLog, rows: Sequence[HealthRow], settings: LocalizationSettings) -> list[str]:
+    """Where no scan was weighed for long, poses are those of the odometry, whatever the verdicts around say."""
+    stamps = np.array([row.stamp_ns for row in rows], dtype=np.int64)
+    made = np.diff(np.searchsorted(log.stamps_ns, stamps)) > 1
+    gaps_s = np.where(made, np.diff(stamps) * 1e-9, 0.0)
+    least_s = max(_LONG_GAP_S, 2.0 * settings.update_max_s)
+    if not gaps_s.size or gaps_s.max() <= least_s:
+        return []
+    longest, n_gaps = int(np.argmax(gaps_s)), int((gaps_s > least_s).sum())
+    first_s, last_s = ((stamps[k] - log.stamps_ns[0]) * 1e-9 for k in (longest, longest + 1))
+    more = f", and {n_gaps - 1} times more for over {least_s:g} s" if n_gaps > 1 else ""
+    return [
+        f"no scan with enough returns from t = {first_s:.1f} to {last_s:.1f} s{more}: poses there are those of the "
+        "odometry, and what changed was not seen"
+    ]
+
+
+def _warn_of_map(grid: OccupancyGrid) -> list[str]:
+    """A map that shows hardly anything says nothing of where the robot is, and one that is mostly walls is none."""
+    occupied, free = (int(np.count_nonzero(grid.cells == value)) for value in (OCCUPIED, FREE))
+    if occupied > free > 0:
+        return [
+            f"the map has {occupied} occupied cells, more than the {free} free ones: check `negate` and the thresholds "
+            "in its YAML"
+        ]
     if occupied >= LEAST_RETURNS:
         return []
     cells = "cell" if occupied == 1 else "cells"

@@ -136,11 +136,13 @@ class _Tracker:
         self._sweep: tuple[int, Sweep] | None = None
         self._carries_states = True
         self._unmapped = Unmapped(log, pool, settings)
+        self._is_given, self._given_at = is_given, -1
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
         poses = self._result.trajectory.poses
         self._choose_states(estimate_pose(particles).share, SETTLED_SHARE)
+        self._given_at = first if self._is_given else -1
         updated = first
         for scan in range(first, int(scans[-1]) + 1):
             motion = self._motion(updated, scan)
@@ -226,6 +228,8 @@ class _Tracker:
             result.searches.append(int(self._log.stamps_ns[scan]))
         if found is None:
             return None
+        if scan == self._given_at:
+            self._result.warnings.append(_moved_words(pose, estimate_pose(found).pose))
         self._verdict.found_elsewhere()
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
         self._verdict = Verdict()
@@ -330,6 +334,12 @@ class _Tracker:
         )
         if self._settings.save_particles:
             result.clouds.append((stamp, particles))
+
+
+def _moved_words(given: F64, found: F64) -> str:
+    """A start that was given and is wrong."""
+    places = (f"({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg" for x, y, yaw in (given, found))
+    return "the robot did not start at {}, where it was said to be; it was found at {}".format(*places)
 
 
 def _is_settled(estimate: Estimate, least_share: float) -> bool:

@@ -173,7 +173,7 @@ class Easel:
             self._scores,
             places,
         )
-        if count == 0:
+        if count == 0 or not places[0, 3] > 0.0:
             return []
         promising = places[:count][places[:count, 3] >= _PROMISING * places[0, 3]]
         fits = [
