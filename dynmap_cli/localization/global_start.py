@@ -76,12 +76,19 @@ def search_again(
     settings: LocalizationSettings,
     random: np.random.Generator,
     executor: ThreadPoolExecutor,
+    *,
+    is_given: bool,
 ) -> Particles | None:
     """Look for a lost robot around the pose (3,) where it is believed to be, and in the whole map.
 
     It may have drifted from there, which is likely, or have been carried anywhere, which is not: that is believed only
     where no place around is possible any more. Both are weighed by the drive from each place, so that what lies where
     the map knows nothing speaks against none of them.
+
+    Parameters
+    ----------
+    is_given : bool
+        Whether somebody said that it is here: then it stays as long as that is possible, however well others fit.
 
     Returns
     -------
@@ -90,7 +97,11 @@ def search_again(
         map knows little, and stays where it is believed to be.
     """
     looks = list(islice(_looks(log, scan, settings), settings.start_scans))
-    near = _modes_around(here, looks, pool, settings)[: DRIVES // 2]
+    field = open_field(pool)
+    near = [
+        *find_modes(Candidates(here[None, :], np.zeros(1)), looks, pool, field, settings),
+        *_modes_around(here, looks, pool, settings)[: DRIVES // 2],
+    ]
     far = [
         mode
         for mode in _modes_anywhere(log, scan, looks, pool, settings, executor)
@@ -99,10 +110,15 @@ def search_again(
     modes = [replace(mode, log_prior=_log_prior(mode.pose, here)) for mode in [*near, *far]]
     modes = drive_from(modes, _looks(log, scan, settings), SEARCH_LOOKS, pool, settings)
     modes = [mode for mode in modes if mode.log_prior > LOG_PRIOR_CARRIED] or modes
-    away = modes[0].pose - here
-    if math.hypot(away[0], away[1]) <= STAYED_M and abs(wrap_angle(away[2])) <= STAYED_RAD:
+    if any(_has_stayed(mode.pose, here) for mode in (modes if is_given else modes[:1])):
         return None
     return draw_start(modes, settings, random)
+
+
+def _has_stayed(pose: F64, here: F64) -> bool:
+    """Whether a place is so near that particles find the way on their own."""
+    away = pose - here
+    return math.hypot(away[0], away[1]) <= STAYED_M and abs(float(wrap_angle(away[2]))) <= STAYED_RAD
 
 
 def lattice_candidates(

@@ -164,8 +164,9 @@ def make_map_pool(
     frame = _common_frame(grid.frame, sets)
     cells = _placed(grid, frame)
     solid = [_solid_states(patch_set) for patch_set in sets]
-    owner = _owners(frame, sets, solid)
-    static = (cells == OCCUPIED) & (owner < 0)
+    occupied = cells == OCCUPIED
+    owner = _owners(frame, sets, solid, occupied)
+    static = occupied & (owner < 0)
     union = _union(static, owner, sets, solid, frame)
     distance = _far_at_the_border(_distance_m(static, frame.resolution_m))
     start = frame.rows * frame.cols
@@ -271,19 +272,22 @@ def slices_of(inner: GridFrame, outer: GridFrame) -> tuple[slice, slice]:
     return slice(row, row + inner.rows), slice(col, col + inner.cols)
 
 
-def _owners(frame: GridFrame, sets: Sequence[PatchSet], solid: Sequence[B1]) -> I32:
+def _owners(frame: GridFrame, sets: Sequence[PatchSet], solid: Sequence[B1], occupied: B1) -> I32:
     """Index of the patch set that each cell belongs to, -1 = none, so that the map says what is there.
 
-    A sub-map of several states owns what is known within `BESIDE_CELLS` of where these differ: of the walls around, the
-    map has seen more than the visits of any state. Rectangles may overlap, but each cell is known to the states of one
-    sub-map only.
+    A sub-map of several states owns what is known within `BESIDE_CELLS` of where these differ, or of what is solid in
+    all of them and not in the map: of the walls around, the map has seen more than the visits of any state. Rectangles
+    may overlap, but each cell is known to the states of one sub-map only.
     """
     owner = np.full(frame.shape, -1, dtype=np.int32)
     for number, (patch_set, states) in enumerate(zip(sets, solid, strict=True)):
         known = np.isfinite([patch.reflectance for patch in patch_set.patches]).any(axis=0)
         if len(patch_set.patches) > 1:
+            in_map = occupied[slices_of(patch_set.frame, frame)]
+            around = np.ones((3, 3), dtype=bool)
+            lacking = states.all(axis=0) & ~ndimage.binary_dilation(in_map, around, BESIDE_CELLS)
             differ = states.any(axis=0) & ~states.all(axis=0)
-            known &= ndimage.binary_dilation(differ, np.ones((3, 3), dtype=bool), BESIDE_CELLS)
+            known &= ndimage.binary_dilation(differ | lacking, around, BESIDE_CELLS)
         window = owner[slices_of(patch_set.frame, frame)]
         window[known & (window < 0)] = number
     return owner

@@ -223,12 +223,22 @@ class _Tracker:
         A given start that is confirmed is no search for a robot that was lost.
         """
         result = self._result
-        found = search_again(self._log, scan, pose, self._pool, self._settings, self._random, self._executor)
+        is_given = scan == self._given_at
+        found = search_again(
+            self._log,
+            scan,
+            pose,
+            self._pool,
+            self._settings,
+            self._random,
+            self._executor,
+            is_given=is_given,
+        )
         if found is not None or self._verdict.is_in_doubt:
             result.searches.append(int(self._log.stamps_ns[scan]))
         if found is None:
             return None
-        if scan == self._given_at:
+        if is_given:
             self._result.warnings.append(_moved_words(pose, estimate_pose(found).pose))
         self._verdict.found_elsewhere()
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)

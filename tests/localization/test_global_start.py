@@ -99,7 +99,9 @@ def test_each_place_has_its_weight_and_enough_particles(scores, most):
 
 def search(run, pool, here):
     with ThreadPoolExecutor(1) as executor:
-        return search_again(run.log, 0, here, pool, SETTINGS, np.random.default_rng(0), executor)
+        return search_again(
+            run.log, 0, here, pool, SETTINGS, np.random.default_rng(0), executor, is_given=False
+        )
 
 
 def test_a_start_is_where_the_robot_is(run, pool):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from dynmap_cli.domain.grid import FREE, GridFrame, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, Patch, PatchSet, Visit
 from dynmap_cli.localization.combinations import (
     MAX_COMBINATIONS,
@@ -16,7 +16,7 @@ from dynmap_cli.localization.combinations import (
     switches_of,
 )
 from dynmap_cli.localization.found import StateRow
-from dynmap_cli.localization.map_pool import BESIDE_CELLS, make_map_pool
+from dynmap_cli.localization.map_pool import BESIDE_CELLS, make_map_pool, slices_of
 from dynmap_cli.localization.parts import independent_parts, nearest_object, whole_parts
 from dynmap_cli.localization.sensor import Sweep
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -67,8 +67,10 @@ def parts_of(whole):
     return independent_parts([whole], visits_of(whole))
 
 
-def pool_of(parts):
+def pool_of(parts, occupied=None):
     cells = np.full(FRAME.shape, FREE, dtype=np.int8)
+    if occupied is not None:
+        cells[slices_of(parts[0].states.frame, FRAME)][occupied] = OCCUPIED
     return make_map_pool(OccupancyGrid(FRAME, cells), [part.states for part in parts], LocalizationSettings())
 
 
@@ -260,8 +262,11 @@ def test_what_no_state_changes_is_left_to_the_map():
     wall[0] = True
     for patch in whole.patches:
         patch.reflectance[wall] = 0.9
+    around = np.ones((3, 3), dtype=bool)
+    (submap,) = pool_of(parts_of(whole), wall).submaps
+    np.testing.assert_array_equal(submap.owned, ndimage.binary_dilation(whole.varying, around, BESIDE_CELLS))
     (submap,) = pool_of(parts_of(whole)).submaps
-    beside = ndimage.binary_dilation(whole.varying, np.ones((3, 3), dtype=bool), BESIDE_CELLS)
-    np.testing.assert_array_equal(submap.owned, beside)
+    lacking = ndimage.binary_dilation(whole.varying | wall, around, BESIDE_CELLS)
+    np.testing.assert_array_equal(submap.owned, lacking)
     one_state = PatchSet(5, whole.frame, whole.varying, whole.patches[:1], 1.0)
     assert pool_of(whole_parts([one_state])).submaps[0].owned.all()

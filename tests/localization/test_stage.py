@@ -1,5 +1,6 @@
 """The files that the room leaves behind."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_trajectory_states_and_health_are_written(folders, simulated_run):
     assert (np.hypot(*(values[:, 9:11] - values[:, :2]).T) < 0.5).all()
     with np.load(folders / "out" / "particles.npz") as clouds:
         assert clouds["counts"].sum() == clouds["poses"].shape[0]
-    assert summary["lines"][0].startswith("60 scans: 100 % tracking, never lost")
+    assert re.match(r"60 scans from \(.*\) m, .* deg: 100 % tracking, never lost", summary["lines"][0])
     assert summary["lines"][1].startswith("sub-map 0 (lab door): state 0")
 
 
@@ -117,6 +118,31 @@ def test_a_map_that_shows_hardly_anything_is_warned_of(folders, simulated_run):
     start = tuple(simulated_run.true_poses[0].tolist())
     lines = run(context(folders, folders / "empty.yaml", start=start))["lines"]
     assert any(line.startswith("warning: the map has 1 occupied cell, too few") for line in lines)
+
+
+def test_a_map_that_is_mostly_walls_is_warned_of(folders):
+    path = folders / "map" / "map.yaml"
+    path.write_text(path.read_text().replace("negate: 0", "negate: 1"))
+    lines = run(context(folders))["lines"]
+    assert any("more than the" in line and "check `negate`" in line for line in lines)
+
+
+def test_a_laser_that_was_blocked_is_named_with_its_times(folders, simulated_run):
+    log = simulated_run.log.select(slice(0, 120))
+    ranges = np.array(log.ranges_m)
+    ranges[20:100] = np.inf
+    write_scan_log(folders / "scans", replace(log, ranges_m=ranges))
+    settings = {"start": tuple(simulated_run.true_poses[0].tolist())}
+    lines = run(context(folders, **settings))["lines"]
+    assert any("warning: no scan with enough returns from t = " in line for line in lines)
+
+
+def test_a_start_that_is_wrong_is_said_with_where_the_robot_was_found(folders, simulated_run):
+    x, y, yaw = simulated_run.true_poses[0].tolist()
+    lines = run(context(folders, start=(x, y, yaw + 2.0)))["lines"]
+    assert any(line.startswith("warning: the robot did not start at") for line in lines)
+    right = run(context(folders, start=(x, y, yaw)))["lines"]
+    assert not any("did not start" in line for line in right)
 
 
 def test_a_map_that_is_read_otherwise_than_it_says_is_warned_of(folders):
