@@ -88,7 +88,8 @@ def search_again(
     Parameters
     ----------
     is_given : bool
-        Whether somebody said that it is here: then it stays as long as that is possible, however well others fit.
+        Whether somebody said that it is here: then it stays as long as that is possible, however well others fit, and
+        otherwise it is looked for as if nobody had.
 
     Returns
     -------
@@ -112,6 +113,8 @@ def search_again(
     modes = [mode for mode in modes if mode.log_prior > LOG_PRIOR_CARRIED] or modes
     if any(_has_stayed(mode.pose, here) for mode in (modes if is_given else modes[:1])):
         return None
+    if is_given:
+        return global_start(log, scan, pool, settings, random, executor)
     return draw_start(modes, settings, random)
 
 
