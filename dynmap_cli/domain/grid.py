@@ -12,6 +12,8 @@ FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """Values of a tri-state grid (int8)."""
 MAX_CELLS = 80_000_000
 """No grid has more: 450 m x 450 m at 5 cm."""
+RESOLUTIONS_M = (0.001, 100.0)
+"""Smallest and largest edge of a cell that is read."""
 FARTHEST_M = 1e7
 """No place is farther from the origin: fixed-point sums and cell numbers keep their millimetres up to there."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, I64
-from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, CountingMap, GridFrame
+from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, RESOLUTIONS_M, CountingMap, GridFrame
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import refusing_damage
@@ -26,7 +26,6 @@ _GRIDS = {
     "passed_cells": Column("<f4", (None, None)),
     "centroids_m": Column("<f4", (None, None, 2)),
 }
-_RESOLUTIONS_M = (0.001, 100.0)
 _FRAME = {"resolution_m": Column("<f8", ()), "origin_m": Column("<f8", (2,))}
 _REMEDY = "Run `dynmap map` again with --force."
 
@@ -87,8 +86,8 @@ def read_map_frame(path: Path) -> GridFrame:
 def _frame_of(arrays: Mapping[str, Any], shape: tuple[int, ...]) -> GridFrame:
     """Check and build the frame of grids of a shape."""
     resolution, (x, y) = float(arrays["resolution_m"]), arrays["origin_m"].tolist()
-    if not _RESOLUTIONS_M[0] <= resolution <= _RESOLUTIONS_M[1]:
-        msg = f"resolution_m.npy holds {resolution}, not {_RESOLUTIONS_M[0]:g} to {_RESOLUTIONS_M[1]:g}"
+    if not RESOLUTIONS_M[0] <= resolution <= RESOLUTIONS_M[1]:
+        msg = f"resolution_m.npy holds {resolution}, not {RESOLUTIONS_M[0]:g} to {RESOLUTIONS_M[1]:g}"
         raise ValueError(msg)
     if not max(abs(x), abs(y)) <= FARTHEST_M:
         msg = f"origin_m.npy holds {x}, {y}, not numbers within {FARTHEST_M:g} m"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
+from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, RESOLUTIONS_M, GridFrame
 from dynmap_cli.domain.times import DAY_HOURS
 from dynmap_cli.files.edits import name_at
 from dynmap_cli.files.plain_values import (
@@ -23,7 +23,6 @@ from dynmap_cli.files.plain_values import (
 
 MANIFEST = "manifest.json"
 _MOST_ID, _MOST_VISITS = 2**31 - 1, 2**31 - 1
-_RESOLUTIONS_M = (0.001, 100.0)
 _MOST_VALUES = 2 * MAX_CELLS
 _SHARES_DIFFER = 0.001
 """They are written with six decimals."""
@@ -81,7 +80,7 @@ def parse_entries(content: dict[str, Any]) -> tuple[SubMapEntry, ...]:
     if not listed:
         return ()
     resolution = number_at(
-        item_of(content, "resolution_m", MANIFEST), f"{MANIFEST}: resolution_m", *_RESOLUTIONS_M
+        item_of(content, "resolution_m", MANIFEST), f"{MANIFEST}: resolution_m", *RESOLUTIONS_M
     )
     entries = tuple(_submap(entry, f"{MANIFEST}: submaps[{k}]", resolution) for k, entry in enumerate(listed))
     distinct([entry.submap_id for entry in entries], f"{MANIFEST}: sub-map")

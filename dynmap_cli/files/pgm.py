@@ -11,7 +11,15 @@ import numpy as np
 from PIL import Image
 
 from dynmap_cli.arrays import I8
-from dynmap_cli.domain.grid import FARTHEST_M, FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from dynmap_cli.domain.grid import (
+    FARTHEST_M,
+    FREE,
+    OCCUPIED,
+    RESOLUTIONS_M,
+    UNKNOWN,
+    GridFrame,
+    OccupancyGrid,
+)
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.beesoft import is_beesoft_map, read_beesoft_map
 from dynmap_cli.files.damage import reason
@@ -21,7 +29,6 @@ from dynmap_cli.files.plain_values import said
 
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
 """free_thresh 0.25, an old default, would turn 205 (unknown) into free."""
-_RESOLUTIONS_M = (0.001, 100.0)
 _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 
 
@@ -159,8 +166,8 @@ _ALLOWED: dict[str, tuple[Callable[[object], bool], str]] = {
         "the name of a file, in printable characters",
     ),
     "resolution": (
-        lambda value: _is_number(value, *_RESOLUTIONS_M),
-        f"a number of metres from {_RESOLUTIONS_M[0]:g} to {_RESOLUTIONS_M[1]:g}",
+        lambda value: _is_number(value, *RESOLUTIONS_M),
+        f"a number of metres from {RESOLUTIONS_M[0]:g} to {RESOLUTIONS_M[1]:g}",
     ),
     "origin": (_is_origin, f"[x, y, yaw] in metres and radians, at most {FARTHEST_M:g} m away"),
     "negate": (lambda value: value in (0, 1), "0 or 1"),

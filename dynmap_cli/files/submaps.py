@@ -14,7 +14,7 @@ import yaml
 from PIL import Image
 
 from dynmap_cli.arrays import B1
-from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, GridFrame
+from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, RESOLUTIONS_M, GridFrame
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.damage import reason, refusing_damage
@@ -35,7 +35,7 @@ from dynmap_cli.files.plain_values import (
 )
 
 _REMEDY = "Run `dynmap segment` again with --force."
-_RESOLUTIONS_M, _MOST_AREA_M2 = (0.001, 100.0), 1e12
+_MOST_AREA_M2 = 1e12
 _CONTESTED, _RECURRING, _OWNED, _ELSEWHERE = 0, 64, 254, 205
 
 
@@ -98,7 +98,7 @@ def read_submaps(folder: Path, remedy: str = _REMEDY) -> tuple[SubMap, ...]:
         listed = list_at(item_of(content, "submaps", "it"), "submaps")
         if not listed:
             return ()
-        resolution = number_at(item_of(content, "resolution_m", "it"), "resolution_m", *_RESOLUTIONS_M)
+        resolution = number_at(item_of(content, "resolution_m", "it"), "resolution_m", *RESOLUTIONS_M)
         submaps = tuple(
             _read_one(folder, resolution, entry, f"submaps[{k}]") for k, entry in enumerate(listed)
         )

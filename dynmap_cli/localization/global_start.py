@@ -103,9 +103,10 @@ def search_again(
         *find_modes(Candidates(here[None, :], np.zeros(1)), looks, pool, field, settings),
         *_modes_around(here, looks, pool, settings)[: DRIVES // 2],
     ]
+    anywhere = _modes_anywhere(log, scan, looks, pool, settings, executor)
     far = [
         mode
-        for mode in _modes_anywhere(log, scan, looks, pool, settings, executor)
+        for mode in anywhere
         if not any(bool(is_near(mode.pose[None, :], other.pose)[0]) for other in near)
     ]
     modes = [replace(mode, log_prior=_log_prior(mode.pose, here)) for mode in [*near, *far]]
@@ -114,7 +115,7 @@ def search_again(
     if any(_has_stayed(mode.pose, here) for mode in (modes if is_given else modes[:1])):
         return None
     if is_given:
-        return global_start(log, scan, pool, settings, random, executor)
+        modes = drive_from(anywhere, _looks(log, scan, settings), START_LOOKS, pool, settings)
     return draw_start(modes, settings, random)
 
 

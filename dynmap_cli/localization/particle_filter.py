@@ -65,11 +65,6 @@ class Estimate:
     share: float
     spread_m: float
 
-    @property
-    def is_one_mode(self) -> bool:
-        """Whether the particles agree on a place."""
-        return self.share >= ONE_MODE_SHARE
-
 
 def make_particles(poses: F64) -> Particles:
     """Particles of equal weight, in no sub-map."""

@@ -13,6 +13,7 @@ from dynmap_cli.localization.particle_filter import (
     BIN_RAD,
     CLUSTER_M,
     CLUSTER_RAD,
+    ONE_MODE_SHARE,
     Particles,
     estimate_pose,
     make_particles,
@@ -122,7 +123,7 @@ def test_the_estimate_is_the_mean_of_the_heavier_cluster_also_across_the_seam_of
     np.testing.assert_allclose(estimate.pose[:2], [5, 5], atol=0.02)
     assert abs(abs(estimate.pose[2]) - np.pi) < 0.02
     assert abs(estimate.share - 0.7) < 0.01
-    assert not estimate.is_one_mode
+    assert estimate.share < ONE_MODE_SHARE
 
 
 def test_states_count_as_different_bins():
