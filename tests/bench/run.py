@@ -30,6 +30,7 @@ from tests.bench import (
     kernels,
     kills,
     localization,
+    long_recording,
     mapping_cost,
     odometry,
     paper_localization,
@@ -74,6 +75,7 @@ LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "verdict": verdict.tables,
     "paper": paper_localization.tables,
     "kills": kills.tables,
+    "long": long_recording.tables,
 }
 
 
