@@ -25,7 +25,7 @@ from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.places import SAME_VISIT, representatives
-from dynmap_cli.mapping.pose_graph import DENSE, Edges, join_edges, no_edges, optimise
+from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, Edges, join_edges, no_edges, optimise, robust_cost
 from dynmap_cli.mapping.repair import State, repair
 from dynmap_cli.scan_matching.sweeps import Sweeps
 
@@ -188,8 +188,7 @@ def _close_rounds(search: LoopSearch, poses: F64, fixed_edges: Edges, note: Call
     numbers = np.arange(poses.shape[0])
 
     def solve(loops: Sequence[Loop], start: F64) -> F64:
-        edges = join_edges(fixed_edges, loop_edges(loops, numbers))
-        return optimise(start, edges, scales(edges))[0]
+        return _solved(start, join_edges(fixed_edges, loop_edges(loops, numbers)))
 
     def until_nothing_new(poses: F64) -> F64:
         for number in range(MAX_ROUNDS):
@@ -203,6 +202,21 @@ def _close_rounds(search: LoopSearch, poses: F64, fixed_edges: Edges, note: Call
 
     start = solve(search.loops, poses) if search.loops else poses
     return repair(search, until_nothing_new(start), solve, note)
+
+
+def _solved(start: F64, edges: Edges) -> F64:
+    """Poses of the nodes: the cheaper of two minima.
+
+    A few wrong loops can tear a chain that is right before they lose their weight; and a chain that is torn indeed
+    (a wheel slipped where scans match anything) bends what is right as long as it has to hold. So the chain may tear
+    from the start in one of them, and only after the loops have been judged in the other.
+    """
+    own = scales(edges)
+    firm = np.where(edges.kind == CHAIN, np.inf, own)
+    torn, _ = optimise(start, edges, own)
+    held, _ = optimise(start, edges, firm)
+    held, _ = optimise(held, edges, own, graduated=False)
+    return min(torn, held, key=lambda poses: robust_cost(poses, edges, own))
 
 
 def _spread(nodes: I64, node_poses: F64, poses: F64, drives: I32) -> F64:

@@ -16,7 +16,8 @@ _ENOUGH_BACKWARDS = 10
 _STEP_M = 0.02
 _LAG_STEPS, _SMOOTHING = 5, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 _TURN_CAP_RAD = 0.05
-_CLEARLY_LESS = 0.95
+_CLEARLY_LESS, _LESS_THAN_WITHOUT = 0.95, 0.97
+_BLOCK_RAD, _BLOCK_M = 0.1, 1.0
 _SCALE_PRIOR_RAD, _BIAS_PRIOR_M = 3.0, 10.0
 
 
@@ -179,8 +180,9 @@ def _best_lag(
         residual = np.abs(found - _smooth_turns(np.unwrap(shifted[:, 2]))[whole])
         losses[k] = np.minimum(residual, _TURN_CAP_RAD * np.sqrt(_LAG_STEPS)).mean()
     best = int(np.argmin(losses))
-    if not 0 < best < lags.size - 1:
-        return 0.0, float(losses[lags.size // 2])
+    without = float(losses[lags.size // 2])
+    if not 0 < best < lags.size - 1 or losses[best] > _LESS_THAN_WITHOUT * without:
+        return 0.0, without
     before, here, after = losses[best - 1 : best + 2]
     bend = before - 2.0 * here + after
     offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
@@ -194,15 +196,25 @@ def _smooth_turns(headings: F64) -> F64:
 
 
 def _robust_turns(turns: F64, distances: F64, found: F64) -> tuple[float, float]:
-    """Scale and bias of the turns by reweighted least squares, with weak priors 1 and 0."""
-    design = np.column_stack([turns, distances])
+    """Scale and bias of the turns by reweighted least squares, with weak priors 1 and 0.
+
+    The turns of the odometry are explained by those that the scans found, not the other way round: the noise is in the
+    odometry, and what is noisy has to stand on the left of a regression, or its noise pulls the scale towards zero.
+    Steps are summed up until they make a turn or a way that stands out of the noise of the scans.
+    """
+    sums = np.cumsum(np.abs(found) / _BLOCK_RAD + distances / _BLOCK_M)
+    block = np.unique(sums.astype(np.int64), return_inverse=True)[1]
+    odometry, way, scans = (np.bincount(block, weights=each) for each in (turns, distances, found))
+    design = np.column_stack([scans, way])
     prior = np.diag([_SCALE_PRIOR_RAD, _BIAS_PRIOR_M]) * 1e-2
-    weights = np.ones(turns.size)
-    scale, bias = 1.0, 0.0
+    weights = np.ones(odometry.size)
+    share, drift = 1.0, 0.0
     for _ in range(8):
         normal = design.T @ (weights[:, None] * design) + prior
-        scale, bias = np.linalg.solve(normal, design.T @ (weights * found) + prior @ np.array([1.0, 0.0]))
-        residual = found - design @ np.array([scale, bias])
+        share, drift = np.linalg.solve(
+            normal, design.T @ (weights * odometry) + prior @ np.array([1.0, 0.0])
+        ).tolist()
+        residual = odometry - design @ np.array([share, drift])
         spread = 1.48 * float(np.median(np.abs(residual))) + 1e-4
         weights = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
-    return (float(scale), float(bias)) if 0.5 < scale < 2.0 else (1.0, 0.0)
+    return (1.0 / share, -drift / share) if 0.5 < share < 2.0 else (1.0, 0.0)

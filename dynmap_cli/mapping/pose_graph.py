@@ -144,6 +144,14 @@ def optimise(
     return current, weights
 
 
+def robust_cost(poses: F64, edges: Edges, scales: F64) -> float:
+    r"""\sum_k c_k^2 r_k^2 / (c_k^2 + r_k^2), what `optimise` minimises in the end (mu = 1)."""
+    squared, squared_scales = squared_distances(poses, edges), scales**2
+    finite = np.isfinite(squared_scales)
+    bounded = squared_scales[finite] * squared[finite] / (squared_scales[finite] + squared[finite])
+    return float(bounded.sum() + squared[~finite].sum())
+
+
 def jacobians(poses: F64, edges: Edges) -> tuple[F64, F64]:
     """(m, 3, 3) derivatives of the residuals by the first and the second node."""
     a, b = poses[edges.first], poses[edges.second]

@@ -32,7 +32,7 @@ def rounds_in_a_room(n_scans, n_beams, step_s=1.0):
     along = (to_person * direction).sum(axis=-1)
     across = np.abs(to_person[..., 0] * direction[..., 1] - to_person[..., 1] * direction[..., 0])
     is_there = (np.floor(phase / np.pi) % 2 == 0)[:, None]
-    ranges = np.where(is_there & (across < 0.2) & (along > 0.2), np.minimum(ranges, along - 0.2), ranges)
+    ranges = np.where(is_there & (across < 0.3) & (along > 0.3), np.minimum(ranges, along - 0.3), ranges)
     ranges += np.random.default_rng(4).normal(0.0, 0.005, ranges.shape)
     return single_laser_log(
         (times_s * 1e9).astype(np.int64),

@@ -133,3 +133,32 @@ def test_noise_of_single_steps_is_no_lag(seed):
         odometry[k + 1] = compose(odometry[k], step)
     found = calibrate(odometry, times, poses, GOOD, GOOD, reversible=False)
     assert abs(found.lag_scans + found.lag_s / 0.2) < 0.2
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_long_ways_straight_ahead_and_slips_do_not_hide_the_scale_of_few_turns(seed):
+    """Twelve corners on a kilometre; what the odometry counts straight ahead is noise."""
+    rng = np.random.default_rng(seed)
+    n = 6000
+    turns = np.zeros(n)
+    for corner in range(12):
+        turns[500 * corner : 500 * corner + 7] = np.pi / 14 * (1 if corner % 3 else -1)
+    steps = np.column_stack([np.full(n, 0.16), np.zeros(n), turns])
+    counted = steps.copy()
+    counted[:, 2] = 0.98 * turns + rng.normal(0.0, 0.003, n) + 0.05 * np.abs(turns) * rng.normal(size=n)
+    slips = rng.random(n) < 0.001
+    counted[slips, 2] += np.radians(10.0) * rng.normal(size=int(slips.sum()))
+    seen = steps + rng.normal(0.0, 1.0, steps.shape) * [0.005, 0.005, 0.0005]
+    odometry, matched = _chained(counted), _chained(seen)
+    good = np.ones(n + 1, dtype=bool)
+    found = calibrate(odometry, np.arange(n + 1) * 0.2, matched, good, good, reversible=False)
+    assert found.rotation_scale == pytest.approx(1.0 / 0.98, abs=0.02)
+    assert found.lag_scans == 0.0
+
+
+def _chained(steps):
+    """Poses after each step."""
+    poses = np.zeros((len(steps) + 1, 3))
+    for k, step in enumerate(steps):
+        poses[k + 1] = compose(poses[k], step)
+    return poses
