@@ -44,13 +44,13 @@ from dynmap_cli.ingest.merging import (
 from dynmap_cli.ingest.odometry import (
     Odometry,
     ends_without_odometry,
-    find_base,
     find_odometry,
 )
 from dynmap_cli.ingest.own_body import mask, unused_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
+from dynmap_cli.ingest.robot_frames import find_base
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.wean import read_wean

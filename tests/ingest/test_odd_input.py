@@ -6,6 +6,7 @@ import socket
 import stat
 import warnings
 import zipfile
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -274,19 +275,31 @@ def test_odometry_that_is_not_in_order_is_said_with_numbers(tmp_path):
 
 
 @pytest.mark.parametrize("step_m", [1e4, 1e6])
-def test_odometry_that_jumps_is_said_with_numbers(tmp_path, step_m):
+def test_odometry_that_jumps_all_the_time_is_not_used(tmp_path, step_m):
     _, report = read_world(tmp_path, world_with(step_m=step_m))
-    assert f"jumps 19 times between one scan and the next, by up to {step_m:.1f} m" in report.warnings[0]
+    assert report.odometry == "none"
+    assert report.odometry_rejected[0].endswith(f"(it jumps 19 times between scans, by up to {step_m:.1f} m)")
 
 
-class ResetOnce(World):
+@dataclass
+class Reset(World):
+    jump_m: float = 1e4
+    every: int = 10
+
     @property
     def poses(self):
-        return super().poses + np.outer(np.arange(self.n_scans) >= 10, (1e4, 0.0, 0.0))
+        return super().poses + np.outer(np.arange(self.n_scans) // self.every, (self.jump_m, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("jump_m", [1e4, 1e6])
+def test_odometry_that_jumps_is_said_with_numbers(tmp_path, jump_m):
+    _, report = read_world(tmp_path, Reset(n_scans=60, every=15, jump_m=jump_m))
+    assert "jumps 3 times between one scan and the next, by up to" in report.warnings[0]
+    assert f"{jump_m + 0.05 * np.cos(0.3):.1f} m" in report.warnings[0]
 
 
 def test_odometry_that_jumps_once(tmp_path):
-    _, report = read_world(tmp_path, ResetOnce(n_scans=N))
+    _, report = read_world(tmp_path, Reset(n_scans=N))
     assert "the odometry jumps once between one scan and the next" in report.warnings[0]
 
 
