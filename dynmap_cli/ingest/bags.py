@@ -41,6 +41,7 @@ _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _LEAST_AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 19
+_NO_TOPICS = "its metadata.yaml names no topic"
 _NOT_ROS2_PROFILE = "Profile is not ros2"
 
 
@@ -118,6 +119,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
         reader.open()
         for inner in reader.readers:
             check_index(inner)
+        if path.is_dir() and not reader.connections:
+            raise UnreadableBagError(_NO_TOPICS)
         _check_definitions(reader)
     except UnreadableBagError:
         _close(reader)

@@ -107,6 +107,19 @@ def test_a_folder_without_recordings_is_refused(tmp_path):
     assert "without recordings" in refusal(tmp_path)
 
 
+def test_a_folder_around_a_bag_folder_is_read_and_one_around_two_names_them(tmp_path):
+    outer = tmp_path / "outer"
+    outer.mkdir()
+    (outer / "README.md").write_text("about the bag")
+    write_bag2(outer / "first", World())
+    log, _ = read_recordings([outer], SETTINGS)
+    assert log.recordings == ("first",)
+    np.testing.assert_array_equal(log.ranges_m, World().ranges_m)
+    write_bag2(outer / "second", World())
+    with pytest.raises(LogError, match=r"It holds 2 bag folders \(first, second\): pass those you mean"):
+        read_recordings([outer], SETTINGS)
+
+
 def test_a_recording_without_a_laser_names_its_topics(tmp_path):
     text = refusal(write_bag1(tmp_path / "a.bag", World(with_scans=False)))
     assert "/odom (nav_msgs/msg/Odometry)" in text

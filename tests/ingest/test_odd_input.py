@@ -199,6 +199,23 @@ def test_a_clock_that_was_set_back_is_said_with_numbers(tmp_path):
     assert report.out_of_order == 1
 
 
+@pytest.mark.parametrize(("first", "used"), [(10, 10), (8, 12), (12, 12)])
+def test_of_two_clocks_in_one_recording_the_one_of_most_scans_is_used(tmp_path, first, used):
+    def on_old_clock(number, fields):
+        if number < first:
+            fields["header"]["stamp"] = stamp(100 * 10**9 + number * PERIOD_NS)
+
+    log, report = read_world(tmp_path, world_with(on_old_clock, with_tf=False, with_odometry=False))
+    assert log.n_scans == used
+    assert sum(report.dropped.values()) == N - used
+    assert (log.stamps_ns < START_NS).all() == (first > N / 2)
+    said = [line for line in report.warnings if "the clock was set while it was made" in line]
+    assert len(said) == (first == 10)
+    for line in said:
+        assert "10 scans from 1970-01-01 00:01:40 UTC on and 10 scans from 2023-11-14 22:13:21 UTC on" in line
+        assert "those from 2023-11-14 22:13:21 on are used" in line
+
+
 def test_scans_that_share_a_stamp_are_said(tmp_path):
     _, report = read_world(
         tmp_path, world_with(restamped(lambda number, at: START_NS + PERIOD_NS * (number // 2)))
