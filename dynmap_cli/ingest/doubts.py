@@ -1,4 +1,4 @@
-"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said with numbers."""
+"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said, or refused."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
+from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.columns import blocks_of, picked
+from dynmap_cli.ingest.kinds import LASER_TYPES
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.raw_laser import RawLaser
@@ -20,6 +22,28 @@ _LEAST_ON_CLOCK = 10
 _MOST_BEAMS = 8
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
+
+
+def require_lasers(recordings: Sequence[RawRecording]) -> None:
+    """Refuse recordings without a laser, or without any sweep that can be used."""
+    for recording in recordings:
+        if recording.lasers:
+            continue
+        if recording.dropped and LASER_TYPES & {topic.kind for topic in recording.topics}:
+            what = f"none of the laser scans in this {recording.kind} can be used"
+            then = "Check the driver of the laser"
+        else:
+            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
+            what = f"no laser scans in this {recording.kind}; it holds {found}"
+            then = "Record sensor_msgs/LaserScan or PointCloud2"
+        msg = f"{recording.name}: {what}{lost_of(recording)}. {then}, or pass another recording."
+        raise LogError(msg)
+
+
+def lost_of(recording: RawRecording) -> str:
+    """What was left out of a recording that is refused, to be put at the end of a clause."""
+    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
+    return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
 def drop_impossible(recording: RawRecording) -> None:

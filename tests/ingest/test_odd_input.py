@@ -216,6 +216,15 @@ def test_of_two_clocks_in_one_recording_the_one_of_most_scans_is_used(tmp_path, 
         assert "those from 2023-11-14 22:13:21 on are used" in line
 
 
+def test_where_no_scan_can_be_used_the_refusal_says_so(tmp_path):
+    in_degrees = world_with(every(1, angle_min=-90.0, angle_max=90.0, angle_increment=6.2))
+    text = refusal(write_bag1(tmp_path / "a.bag", in_degrees))
+    assert (
+        "none of the laser scans in this ROS 1 bag can be used; 20 x scan on /scan with angles that no laser has"
+        in text
+    )
+
+
 def test_scans_that_share_a_stamp_are_said(tmp_path):
     _, report = read_world(
         tmp_path, world_with(restamped(lambda number, at: START_NS + PERIOD_NS * (number // 2)))
