@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from dynmap_cli.commands.tables import table
-from dynmap_cli.ingest.kinds import USED_TYPES
+from dynmap_cli.ingest.kinds import POSE_TYPES, USED_TYPES
 from dynmap_cli.ingest.raw import Topic
 from dynmap_cli.ingest.report import IngestReport, LaserReport
 from dynmap_cli.ingest.track_quality import TrackQuality
@@ -46,7 +46,7 @@ def screen(report: IngestReport) -> list[str]:
         *labelled("transforms", _transforms(report)),
         *labelled("odometry", _odometry(report)),
         *labelled("left out", (f"{count} x {reason}" for reason, count in sorted(report.dropped.items()))),
-        *labelled("other topics", _others(topics, {laser.name for laser in report.lasers})),
+        *labelled("other topics", _others(topics, report)),
         *labelled("warning", report.warnings),
     ]
 
@@ -163,12 +163,14 @@ def _quality(quality: TrackQuality) -> str:
     )
 
 
-def _others(topics: Iterable[Topic], lasers: set[str]) -> list[str]:
-    """What is not read at all."""
+def _others(topics: Iterable[Topic], report: IngestReport) -> list[str]:
+    """What is not read at all, and poses that are no odometry."""
+    named = {laser.name for laser in report.lasers} | {report.odometry}
+    named |= {source.partition(" (")[0] for source in report.odometry_rejected}
     others = [
         f"{one.name} ({one.kind.rpartition('/')[2]})"
         for one in topics
-        if one.kind not in {*USED_TYPES, "line"} and one.name not in lasers
+        if one.kind not in {*(USED_TYPES - POSE_TYPES), "line"} and one.name not in named
     ]
     more = f" and {len(others) - _MOST_OTHERS} more" if len(others) > _MOST_OTHERS else ""
     return [", ".join(others[:_MOST_OTHERS]) + more] if others else []

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Nodetype
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import reader as rosbag1_reader
 from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -41,6 +41,7 @@ _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _LEAST_AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 19
+_NO_TOPICS = "its metadata.yaml names no topic"
 _NOT_ROS2_PROFILE = "Profile is not ros2"
 
 
@@ -71,6 +72,32 @@ class UnreadableBagError(Exception):
     def __init__(self, why: str) -> None:
         super().__init__(why)
         self.why = why
+
+
+class _UsedTypes:
+    """A reader that hides definitions of types that are not used: for one that is odd the library refuses the bag."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner = inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def __enter__(self) -> Self:
+        self._inner.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._inner.close()
+
+    @property
+    def connections(self) -> list[Any]:
+        """Those of types that are used as they are, for they are known by their identity."""
+        hidden = MessageDefinition(MessageDefinitionFormat.NONE, "")
+        return [
+            one if one.msgtype in USED_TYPES else one._replace(msgdef=hidden)
+            for one in self._inner.connections
+        ]
 
 
 def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
@@ -115,9 +142,13 @@ def _open(path: Path) -> Iterator[AnyReader]:
             if file.suffix == ".mcap" and summary_state(file) is SummaryState.BROKEN:
                 raise UnreadableBagError(BROKEN_SUMMARY)
         reader = AnyReader([path], default_typestore=_ros2_types())
+        inside: Any = [_UsedTypes(inner) for inner in reader.readers]
+        reader.readers = inside
         reader.open()
         for inner in reader.readers:
             check_index(inner)
+        if path.is_dir() and not reader.connections:
+            raise UnreadableBagError(_NO_TOPICS)
         _check_definitions(reader)
     except UnreadableBagError:
         _close(reader)

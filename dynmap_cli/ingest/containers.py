@@ -100,7 +100,12 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
         return [_bag_folder(path, str(path), scratch, limit_bytes)]
     files = sorted(inner for inner in path.iterdir() if inner.is_file() and _looks_like_recording(inner))
     if not files:
-        msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}."
+        bags = sorted(inner.parent for inner in path.glob("*/metadata.yaml") if inner.is_file())
+        if len(bags) == 1:
+            return find_sources(bags[0], scratch, limit_bytes)
+        names = ", ".join(bag.name for bag in bags[:5])
+        inside = f" It holds {len(bags)} bag folders ({names}): pass those you mean." if bags else ""
+        msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}.{inside}"
         raise LogError(msg)
     return [_source_of_file(inner, str(inner), scratch, limit_bytes) for inner in files]
 

@@ -1,27 +1,53 @@
-"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said with numbers."""
+"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said, or refused."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
+from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.columns import blocks_of, picked
+from dynmap_cli.ingest.kinds import LASER_TYPES
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.track_quality import jumps_m
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
+_LEAST_ON_CLOCK = 10
 _MOST_BEAMS = 8
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
 
 
+def require_lasers(recordings: Sequence[RawRecording]) -> None:
+    """Refuse recordings without a laser, or without any sweep that can be used."""
+    for recording in recordings:
+        if recording.lasers:
+            continue
+        if recording.dropped and LASER_TYPES & {topic.kind for topic in recording.topics}:
+            what = f"none of the laser scans in this {recording.kind} can be used"
+            then = "Check the driver of the laser"
+        else:
+            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
+            what = f"no laser scans in this {recording.kind}; it holds {found}"
+            then = "Record sensor_msgs/LaserScan or PointCloud2"
+        msg = f"{recording.name}: {what}{lost_of(recording)}. {then}, or pass another recording."
+        raise LogError(msg)
+
+
+def lost_of(recording: RawRecording) -> str:
+    """What was left out of a recording that is refused, to be put at the end of a clause."""
+    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
+    return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
+
+
 def drop_impossible(recording: RawRecording) -> None:
-    """Drop sweeps that lie more than a week from the middle one, or have over eight times its beams.
+    """Drop sweeps that lie more than a week from most others, or have over eight times the beams of the middle one.
 
     Such a stamp or count comes from a clock that was set, or from a damaged message; one of them would stretch
     everything that is laid out over time or beams.
@@ -29,7 +55,10 @@ def drop_impossible(recording: RawRecording) -> None:
     if not recording.lasers:
         return
     lasers = list(recording.lasers.values())
-    middle_ns = int(np.median(np.concatenate([laser.stamps_ns for laser in lasers])))
+    groups = _clocks_of(np.concatenate([laser.stamps_ns for laser in lasers]))
+    largest = max(range(len(groups)), key=lambda number: (groups[number].size, number))
+    middle_ns = int(np.median(groups[largest]))
+    _note_clocks(groups, largest, recording)
     for laser in lasers:
         is_near = np.abs(laser.stamps_ns - middle_ns) <= _LONGEST_DRIVE_NS
         if not is_near.all():
@@ -49,6 +78,28 @@ def drop_impossible(recording: RawRecording) -> None:
             ] += int(np.count_nonzero(~is_usual))
             laser.keep(is_usual)
         _note_beam_intervals(recording, laser.name)
+
+
+def _clocks_of(stamps_ns: I64) -> list[I64]:
+    """Stamps (n,) in order, parted where nothing is stamped for more than a week."""
+    ordered = np.sort(stamps_ns)
+    return np.split(ordered, np.flatnonzero(np.diff(ordered) > _LONGEST_DRIVE_NS) + 1)
+
+
+def _note_clocks(groups: Sequence[I64], used: int, recording: RawRecording) -> None:
+    """Say which parts of a recording are on which clock, where one that is not used is more than a few odd stamps."""
+    if all(group.size < _LEAST_ON_CLOCK for number, group in enumerate(groups) if number != used):
+        return
+    began = [f"{datetime.fromtimestamp(int(group[0]) // 10**9, UTC):%Y-%m-%d %H:%M:%S}" for group in groups]
+    parts = [
+        f"{group.size} scans from {when} UTC on"
+        for group, when in zip(groups, began, strict=True)
+        if group.size >= _LEAST_ON_CLOCK
+    ]
+    recording.warnings.append(
+        f"{file_name(recording.name)}: the clock was set while it was made: it holds {' and '.join(parts)}, of which "
+        f"those from {began[used]} on are used. Split the recording there to use the others"
+    )
 
 
 def note_damaged_pack(recording: RawRecording, why: str) -> None:

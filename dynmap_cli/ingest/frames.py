@@ -177,6 +177,8 @@ class Mounting:
 
 def find_mounting(tree: FrameTree, base: str, sensor: str, stamps_ns: I64) -> Mounting | None:
     """How a sensor frame lies on the base frame while sweeps are taken; None where the two are not joined."""
+    if not sensor:
+        return None
     samples = stamps_ns[np.linspace(0, stamps_ns.size - 1, min(_SAMPLES, stamps_ns.size)).astype(np.int64)]
     poses = tree.transform(base, sensor, samples)
     if poses is None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 LASER_TYPES = frozenset({"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"})
 ODOMETRY_TYPES = frozenset({"nav_msgs/msg/Odometry"})
+POSE_TYPES = frozenset({"geometry_msgs/msg/PoseWithCovarianceStamped"})
+"""Odometry where topic or frame say so."""
 TRANSFORM_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 CLOUD_TYPES = frozenset({"sensor_msgs/msg/PointCloud2"})
 """Read only where they are asked for, or there is no laser."""
-ROS_TYPES = LASER_TYPES | ODOMETRY_TYPES | TRANSFORM_TYPES
+ROS_TYPES = LASER_TYPES | ODOMETRY_TYPES | POSE_TYPES | TRANSFORM_TYPES
 
 _FOXGLOVE = ("LaserScan", "FrameTransform", "FrameTransforms", "PoseInFrame")
 FOXGLOVE_SCHEMAS = frozenset(f"foxglove.{name}" for name in _FOXGLOVE)

@@ -16,6 +16,7 @@ _SAMPLED_SWEEPS = 200
 _TIE = 0.95
 _SAME_PLACE_M, _SAME_PLACE_RAD = 0.05, np.radians(5.0)
 _LEAST_SHARE = 0.5
+_NOT_LEVEL_WORDS = ("vertical", "tilt", "ceiling", "cliff")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +43,11 @@ class LaserView:
 
     @property
     def score(self) -> float:
-        """How much it sees: sweeps x field of view x distance."""
-        return self.laser.n_scans * self.field_of_view_rad * self.typical_far_m
+        """How much it sees: sweeps x field of view squared x distance.
+
+        A wide sweep counts more than as many narrow ones with the same beams: it alone says how the robot turned.
+        """
+        return self.laser.n_scans * self.field_of_view_rad**2 * self.typical_far_m
 
     @property
     def kind(self) -> tuple[float, ...]:
@@ -104,7 +108,8 @@ def _view(laser: RawLaser, tree: FrameTree, base: str) -> LaserView:
 def choose_lasers(name: str, views: list[LaserView], wish: str | None) -> list[LaserChoice]:
     """Take the laser that sees most, and fixed ones of the same kind that sit elsewhere on the robot.
 
-    A laser that swings or is not level is left out, for its sweeps are not of one plane. Of topics that are
+    A laser that swings or is not level is left out, for its sweeps are not of one plane; where nothing says how it is
+    mounted, its name tells. Of topics that are
     processed copies of each other (same mounting, same kind) the one recorded soonest after its stamp is the
     driver's own.
 
@@ -146,6 +151,9 @@ def _fault(view: LaserView) -> str:
         return "it swings or tilts on the robot"
     if view.mounting is not None and not view.mounting.is_level:
         return "it is mounted more than 10 deg out of level"
+    named = f"{view.laser.name} {view.laser.frame}".lower()
+    if view.mounting is None and any(word in named for word in _NOT_LEVEL_WORDS):
+        return "by its name it does not sweep a level plane, and the recording does not say how it is mounted"
     return ""
 
 

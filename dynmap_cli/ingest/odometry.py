@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -10,14 +11,14 @@ import numpy as np
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import compose, interpolate, inverse
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.columns import spans
+from dynmap_cli.ingest.columns import picked, spans
 from dynmap_cli.ingest.frames import FrameTree, planar
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording
 from dynmap_cli.ingest.raw_laser import RawLaser
+from dynmap_cli.ingest.robot_frames import GLOBAL_FRAMES, last_name, moved_by_odometry, odom_frame_of
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.track_quality import jumps_m
 
-_BASES = ("base_footprint", "base_link", "base")
-_GLOBAL_FRAMES = ("map", "world", "earth", "mocap", "vicon", "optitrack")
 _TRUTH_WORDS = (
     "ground_truth",
     "groundtruth",
@@ -29,9 +30,11 @@ _TRUTH_WORDS = (
     "amcl",
     "localiz",
 )
+_TRUTH_TOKENS = frozenset({"gt", "gnss"})
 _LEAST_COVER = 0.9
 _LEAST_PATH_M = 0.02
 _MOST_CUT, _ALWAYS_CUT = 0.05, 2
+_MOST_JUMPING = 0.1
 _NONE_WORDS = "none"
 
 
@@ -59,55 +62,6 @@ class Odometry:
     path_m: float
     rejected: tuple[str, ...] = ()
     rate_hz: float = 0.0
-
-
-def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings) -> str:
-    """Name of the robot frame: set, below odometry in tf, child of an odometry topic, by custom, or the fixed root."""
-    sensors = sorted({laser.frame for laser in recording.lasers.values() if laser.frame})
-    for key, frame in (("base_frame", settings.base_frame), ("odom_frame", settings.odom_frame)):
-        if frame is not None and frame not in tree.frames:
-            known = ", ".join(tree.frames[:20]) or "none"
-            msg = f"{recording.name}: no frame '{frame}' in tf (ingest.{key}); frames here: {known}."
-            raise LogError(msg)
-    if settings.base_frame is not None:
-        return settings.base_frame
-    for sensor in sensors:
-        base = _below_odometry(tree, sensor, settings)
-        if base:
-            return base
-    for track in recording.odometry.values():
-        if track.child and any(tree.path(track.child, sensor) for sensor in sensors):
-            return track.child
-    for sensor in sensors:
-        above = [frame for frame in tree.parents(sensor) if _last(frame) not in _GLOBAL_FRAMES]
-        for custom in _BASES:
-            found = next((frame for frame in above if _last(frame) == custom), None)
-            if found:
-                return found
-        if above:
-            return above[-1]
-    return ""
-
-
-def odom_frame_of(tree: FrameTree, settings: IngestSettings) -> str | None:
-    """The odometry frame in tf: as set, or the one with 'odom' in its name that has a moving child."""
-    if settings.odom_frame is not None:
-        return settings.odom_frame
-    named = [frame for frame in tree.frames if "odom" in _last(frame).lower()]
-    parents = [frame for frame in named if any(parent == frame for parent, _ in tree.edges)]
-    return min(parents, key=lambda frame: (len(frame), frame), default=None)
-
-
-def _below_odometry(tree: FrameTree, sensor: str, settings: IngestSettings) -> str | None:
-    """The frame next to the odometry frame on the way to a sensor."""
-    odom = odom_frame_of(tree, settings)
-    steps = tree.path(odom, sensor) if odom else None
-    return steps[1] if odom and steps and len(steps) > 1 and (odom, steps[1]) in tree.edges else None
-
-
-def _last(frame: str) -> str:
-    """Frame name without its namespace."""
-    return frame.rsplit("/", 1)[-1]
 
 
 def find_odometry(
@@ -148,6 +102,11 @@ def find_odometry(
     candidates = [found for found in candidates if _cover(found.poses) > 0.0]
     if not candidates:
         return Odometry("none", "no odometry has the times of the scans", unknown, 0.0, 0.0, tuple(rejected))
+    jumping = [_always_jumps(stamps_ns, found.poses) for found in candidates]
+    rejected += [f"{found.source} ({why})" for found, why in zip(candidates, jumping, strict=True) if why]
+    candidates = [found for found, why in zip(candidates, jumping, strict=True) if not why]
+    if not candidates:
+        return Odometry("none", "no odometry is that of a robot", unknown, 0.0, 0.0, tuple(rejected))
     moving = [found for found in candidates if _path_m(found.poses) >= _LEAST_PATH_M]
     covering = [found for found in moving if _cover(found.poses) >= _LEAST_COVER]
     chosen = (covering or moving or candidates)[0]
@@ -183,31 +142,58 @@ def _candidates(
     if from_tf is not None:
         found.append(from_tf)
     own = {laser.name for laser in lasers}
-    for name, track in sorted(recording.odometry.items(), key=lambda item: (item[0] not in own, item[0])):
+    for name, track in sorted(
+        recording.odometry.items(),
+        key=lambda item: (item[0] not in own, _distance(item[1], tree, base), item[0]),
+    ):
         reason = _is_global(track)
         if reason:
             rejected.append(f"{name} ({reason})")
             continue
         found.append(_from_track(track, tree, base, stamps_ns))
+    odom, moved = moved_by_odometry(tree)
+    if from_tf is None and settings.odom_frame is None and base and moved and not tree.path(moved, base):
+        found.append(_along(tree, odom, moved, stamps_ns, f"transforms; '{moved}' taken to be '{base}'"))
     return found, rejected
+
+
+def _distance(track: RawOdometry, tree: FrameTree, base: str) -> int:
+    """0 where it is the robot frame that an odometry moves, 1 a frame that is joined to it, 2 where nobody knows."""
+    if track.child == base:
+        return 0
+    return 1 if track.child and base and tree.path(track.child, base) else 2
+
+
+def _always_jumps(stamps_ns: I64, poses: F64) -> str:
+    """Says so where over a tenth of the steps between sweeps are longer than anything drives, as in millimetres."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    found_m = jumps_m(picked(stamps_ns, known), picked(poses, known))
+    if found_m.size <= max(_MOST_JUMPING * known.size, _ALWAYS_CUT):
+        return ""
+    return f"it jumps {found_m.size} times between scans, by up to {found_m.max():.1f} m"
 
 
 def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: IngestSettings) -> Odometry | None:
     """Robot poses from the transforms between the odometry frame and the robot frame."""
-    odom = odom_frame_of(tree, settings)
-    steps = tree.path(odom, base) if odom and base else None
+    odom = odom_frame_of(tree, settings, base) if base else None
+    steps = tree.path(odom, base) if odom else None
     if not odom or not steps or odom == base:
         return None
-    if any(_last(frame) in _GLOBAL_FRAMES for frame in steps):
+    if any(last_name(frame) in GLOBAL_FRAMES for frame in steps):
         return None
-    edges = [tree.edge_between(a, b) for a, b in pairwise(steps)]
+    return _along(tree, odom, base, stamps_ns, "transforms of the odometry frame")
+
+
+def _along(tree: FrameTree, odom: str, base: str, stamps_ns: I64, why: str) -> Odometry:
+    """Robot poses from the transforms between two frames that are joined."""
+    edges = [tree.edge_between(a, b) for a, b in pairwise(tree.path(odom, base) or ())]
     gaps = [float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9 for edge in edges]
     flat = _planar_at(tree, odom, base, stamps_ns)
     is_known = np.isfinite(flat).all(axis=1)
     path_m = path_length_m(flat if is_known.all() else flat[is_known])
     return Odometry(
         f"tf {odom} -> {base}",
-        "transforms of the odometry frame",
+        why,
         flat,
         max(gaps, default=0.0),
         path_m,
@@ -261,9 +247,10 @@ def path_length_m(poses: F64) -> float:
 
 def _is_global(track: RawOdometry) -> str:
     """Why a pose source is no odometry; "" where it is one."""
-    if _last(track.frame) in _GLOBAL_FRAMES:
+    if last_name(track.frame) in GLOBAL_FRAMES:
         return f"its poses are in '{track.frame}', a localization rather than odometry"
-    if any(word in track.name.lower() for word in _TRUTH_WORDS):
+    name = track.name.lower()
+    if any(word in name for word in _TRUTH_WORDS) or not _TRUTH_TOKENS.isdisjoint(re.split(r"[^a-z]+", name)):
         return "named as ground truth or localization"
     return ""
 

@@ -22,11 +22,13 @@ from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows, spans
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
+    lost_of,
     note_damaged_pack,
     note_odometry,
     note_shared_stamps,
     note_stamps,
     note_track,
+    require_lasers,
     stamps_jump,
 )
 from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
@@ -44,13 +46,13 @@ from dynmap_cli.ingest.merging import (
 from dynmap_cli.ingest.odometry import (
     Odometry,
     ends_without_odometry,
-    find_base,
     find_odometry,
 )
 from dynmap_cli.ingest.own_body import mask, unused_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, join_reports
+from dynmap_cli.ingest.robot_frames import find_base
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.ingest.wean import read_wean
@@ -191,18 +193,6 @@ def load_recordings(
     return recordings
 
 
-def require_lasers(recordings: Sequence[RawRecording]) -> None:
-    """Refuse recordings without a laser."""
-    for recording in recordings:
-        if not recording.lasers:
-            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
-            msg = (
-                f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{_lost(recording)}. "
-                "Record sensor_msgs/LaserScan or PointCloud2, or pass another recording."
-            )
-            raise LogError(msg)
-
-
 def _refused(recording: RawRecording) -> LogError:
     """One line for a damaged recording that is not to be read in part."""
     head = f"{recording.name}: this {recording.kind} is "
@@ -216,12 +206,6 @@ def _refused(recording: RawRecording) -> LogError:
         f"{head}{'; '.join([*damage, *told, *dropped])}. "
         "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
     )
-
-
-def _lost(recording: RawRecording) -> str:
-    """What was left out of a recording that is refused, to be put at the end of a clause."""
-    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
-    return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
 def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
@@ -351,7 +335,7 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
         reach = f"{shape.range_max_m:g} m" if np.isfinite(shape.range_max_m) else "a reach that is not stated"
         msg = (
             f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and {reach}"
-            f"{_lost(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
+            f"{lost_of(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
         )
         raise LogError(msg)
     if says_something.all():

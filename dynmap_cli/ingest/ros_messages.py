@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.ingest.columns import spans
-from dynmap_cli.ingest.kinds import LASER_TYPES, ODOMETRY_TYPES, TRANSFORM_TYPES
+from dynmap_cli.ingest.kinds import LASER_TYPES, ODOMETRY_TYPES, POSE_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
@@ -30,6 +31,7 @@ _CLIPPED = 1e3
 """Larger components than a rotation has, whose squares are numbers still."""
 LONGEST_SWEEP_S = 60.0
 _NO_STAMP = -1
+_NEAR_STEPS = 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,8 @@ def take_message(recording: RawRecording, message: Message) -> None:
         _take_scan(recording, message)
     elif message.msgtype in ODOMETRY_TYPES:
         _take_odometry(recording, message)
+    elif message.msgtype in POSE_TYPES:
+        _take_pose(recording, message)
     elif message.msgtype in TRANSFORM_TYPES:
         _take_transforms(recording, message)
 
@@ -130,10 +134,13 @@ def shape_of_angles(
     """Geometry from the angles and limits of a LaserScan; None where its angles are not those of a laser.
 
     The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
-    is (nearly) zero or of the wrong sign the beams are spread between the two. Angles are rounded to 0.006 deg, so that
+    is (nearly) zero, or of the wrong sign and does not lead to angle_max by way of the full circle either, the beams
+    are spread between the two. Angles are rounded to 0.006 deg, so that
     sensors which compute them anew for each sweep do not get a geometry for each.
     """
-    if abs(step) < _STEP_GRID_RAD or (last - first) * step < 0.0:
+    if abs(step) < _STEP_GRID_RAD or (
+        (last - first) * step < 0.0 and not _leads_to(first, last, step, n_beams)
+    ):
         step = (last - first) / max(n_beams - 1, 1)
     if not is_sweep(first, step, n_beams):
         return None
@@ -147,6 +154,20 @@ def shape_of_angles(
         round(low, 6) if 0.0 <= low < math.inf else 0.0,
         round(high, 6) if 0.0 < high < LONGEST_RANGE_M else math.inf,
     )
+
+
+def _leads_to(first: float, last: float, step: float, n_beams: int) -> bool:
+    """Whether beams from the first angle on end within two steps of the last, up to full circles."""
+    off = (first + step * (n_beams - 1) - last) / (2.0 * math.pi)
+    return math.isfinite(off) and abs(off - round(off)) * 2.0 * math.pi < _NEAR_STEPS * abs(step)
+
+
+def _take_pose(recording: RawRecording, message: Message) -> None:
+    """Keep a pose without a child frame, if it is odometry rather than a start or a place on a map."""
+    header = message.content.header
+    if "odom" in header.frame_id.lower() or "odom" in message.topic.lower():
+        content = SimpleNamespace(header=header, child_frame_id="", pose=message.content.pose)
+        _take_odometry(recording, replace(message, content=content))
 
 
 def _take_odometry(recording: RawRecording, message: Message) -> None:

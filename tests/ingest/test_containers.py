@@ -9,7 +9,7 @@ from rosbags.rosbag2 import StoragePlugin
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.written import World, lone_file, packed, write_bag1, write_bag2, write_mcap
+from tests.ingest.written import START_NS, World, lone_file, packed, write_bag1, write_bag2, write_mcap
 
 SETTINGS = IngestSettings()
 
@@ -105,6 +105,35 @@ def test_what_is_no_recording_is_refused_in_one_line(content, expected, tmp_path
 def test_a_folder_without_recordings_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing")
     assert "without recordings" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("definition", ["float64 x\n???\n", "float64 x\r\n", "", "elsewhere/Thing thing\n"])
+def test_definitions_of_types_that_are_not_used_need_not_be_right(definition, tmp_path):
+    def add_odd(writer):
+        add = writer.add_connection
+
+        def add_all(topic, kind, **options):
+            if topic == "/scan":
+                odd = add("/odd", "lab_msgs/msg/Odd", msgdef=definition, md5sum="0" * 32)
+                writer.write(odd, START_NS, bytes(8))
+            return add(topic, kind, **options)
+
+        writer.add_connection = add_all
+
+    assert_is_world(write_bag1(tmp_path / "a.bag", World(), add_odd), World())
+
+
+def test_a_folder_around_a_bag_folder_is_read_and_one_around_two_names_them(tmp_path):
+    outer = tmp_path / "outer"
+    outer.mkdir()
+    (outer / "README.md").write_text("about the bag")
+    write_bag2(outer / "first", World())
+    log, _ = read_recordings([outer], SETTINGS)
+    assert log.recordings == ("first",)
+    np.testing.assert_array_equal(log.ranges_m, World().ranges_m)
+    write_bag2(outer / "second", World())
+    with pytest.raises(LogError, match=r"It holds 2 bag folders \(first, second\): pass those you mean"):
+        read_recordings([outer], SETTINGS)
 
 
 def test_a_recording_without_a_laser_names_its_topics(tmp_path):

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+import yaml
 from rosbags.rosbag2 import StoragePlugin
 
 from dynmap_cli.errors import LogError
@@ -184,6 +185,17 @@ def test_a_folder_without_usable_metadata_is_read_file_by_file(tmp_path):
     log, report = read_recordings([folder], SETTINGS)
     np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
     assert "metadata key is missing" in report.warnings[0]
+
+
+def test_metadata_of_a_recorder_that_crashed_name_no_topic_and_the_files_are_read(tmp_path):
+    folder = write_bag2(tmp_path / "drive", WORLD)
+    metadata = folder / "metadata.yaml"
+    content = yaml.safe_load(metadata.read_text())
+    content["rosbag2_bagfile_information"].update(message_count=0, topics_with_message_count=[])
+    metadata.write_text(yaml.safe_dump(content))
+    log, report = read_recordings([folder], SETTINGS)
+    np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
+    assert "its metadata.yaml names no topic" in report.warnings[0]
 
 
 def test_metadata_that_speak_of_other_counts_are_said(tmp_path):

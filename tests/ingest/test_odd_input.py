@@ -6,6 +6,7 @@ import socket
 import stat
 import warnings
 import zipfile
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -198,6 +199,32 @@ def test_a_clock_that_was_set_back_is_said_with_numbers(tmp_path):
     assert report.out_of_order == 1
 
 
+@pytest.mark.parametrize(("first", "used"), [(10, 10), (8, 12), (12, 12)])
+def test_of_two_clocks_in_one_recording_the_one_of_most_scans_is_used(tmp_path, first, used):
+    def on_old_clock(number, fields):
+        if number < first:
+            fields["header"]["stamp"] = stamp(100 * 10**9 + number * PERIOD_NS)
+
+    log, report = read_world(tmp_path, world_with(on_old_clock, with_tf=False, with_odometry=False))
+    assert log.n_scans == used
+    assert sum(report.dropped.values()) == N - used
+    assert (log.stamps_ns < START_NS).all() == (first > N / 2)
+    said = [line for line in report.warnings if "the clock was set while it was made" in line]
+    assert len(said) == (first == 10)
+    for line in said:
+        assert "10 scans from 1970-01-01 00:01:40 UTC on and 10 scans from 2023-11-14 22:13:21 UTC on" in line
+        assert "those from 2023-11-14 22:13:21 on are used" in line
+
+
+def test_where_no_scan_can_be_used_the_refusal_says_so(tmp_path):
+    in_degrees = world_with(every(1, angle_min=-90.0, angle_max=90.0, angle_increment=6.2))
+    text = refusal(write_bag1(tmp_path / "a.bag", in_degrees))
+    assert (
+        "none of the laser scans in this ROS 1 bag can be used; 20 x scan on /scan with angles that no laser has"
+        in text
+    )
+
+
 def test_scans_that_share_a_stamp_are_said(tmp_path):
     _, report = read_world(
         tmp_path, world_with(restamped(lambda number, at: START_NS + PERIOD_NS * (number // 2)))
@@ -274,19 +301,31 @@ def test_odometry_that_is_not_in_order_is_said_with_numbers(tmp_path):
 
 
 @pytest.mark.parametrize("step_m", [1e4, 1e6])
-def test_odometry_that_jumps_is_said_with_numbers(tmp_path, step_m):
+def test_odometry_that_jumps_all_the_time_is_not_used(tmp_path, step_m):
     _, report = read_world(tmp_path, world_with(step_m=step_m))
-    assert f"jumps 19 times between one scan and the next, by up to {step_m:.1f} m" in report.warnings[0]
+    assert report.odometry == "none"
+    assert report.odometry_rejected[0].endswith(f"(it jumps 19 times between scans, by up to {step_m:.1f} m)")
 
 
-class ResetOnce(World):
+@dataclass
+class Reset(World):
+    jump_m: float = 1e4
+    every: int = 10
+
     @property
     def poses(self):
-        return super().poses + np.outer(np.arange(self.n_scans) >= 10, (1e4, 0.0, 0.0))
+        return super().poses + np.outer(np.arange(self.n_scans) // self.every, (self.jump_m, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("jump_m", [1e4, 1e6])
+def test_odometry_that_jumps_is_said_with_numbers(tmp_path, jump_m):
+    _, report = read_world(tmp_path, Reset(n_scans=60, every=15, jump_m=jump_m))
+    assert "jumps 3 times between one scan and the next, by up to" in report.warnings[0]
+    assert f"{jump_m + 0.05 * np.cos(0.3):.1f} m" in report.warnings[0]
 
 
 def test_odometry_that_jumps_once(tmp_path):
-    _, report = read_world(tmp_path, ResetOnce(n_scans=N))
+    _, report = read_world(tmp_path, Reset(n_scans=N))
     assert "the odometry jumps once between one scan and the next" in report.warnings[0]
 
 
