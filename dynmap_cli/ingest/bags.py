@@ -6,9 +6,8 @@ import functools
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from itertools import islice
 from pathlib import Path
 from typing import Any, Self
 
@@ -16,7 +15,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.rosbag1 import reader as rosbag1_reader
-from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -24,7 +23,8 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.ingest import protobuf
 from dynmap_cli.ingest.bag1_chunks import bag1_blocks, is_orderly
 from dynmap_cli.ingest.batches import Batches
-from dynmap_cli.ingest.blocks import Block, block_of
+from dynmap_cli.ingest.blocks import Block, blocks_of_rows
+from dynmap_cli.ingest.db3_blocks import db3_blocks
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.layouts import has_layout, layout_of
@@ -40,7 +40,6 @@ from dynmap_cli.printable import printable
 _log = logging.getLogger(__name__)
 _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
-_LEAST_AT_ONCE, _BYTES_AT_ONCE = 64, 1 << 19
 _NO_TOPICS = "its metadata.yaml names no topic"
 _NOT_ROS2_PROFILE = "Profile is not ros2"
 
@@ -264,7 +263,7 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
         id(connection): batches.number_of(printable(connection.topic), connection.msgtype)
         for connection in wanted
     }
-    blocks = _from_chunks(reader, wanted, numbers) or _from_reader(reader, wanted, numbers)
+    blocks = _from_storage(reader, wanted, numbers) or _from_reader(reader, wanted, numbers)
     found = 0
     while True:
         try:
@@ -308,17 +307,14 @@ def _is_usual(reader: AnyReader, kind: str) -> bool:
 def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
     """Messages as rosbags gives them, many at a time; numbers of channels by the identity of their connection."""
     (inner,) = reader.readers
-    stream = inner.messages(connections=wanted)
-    n_at_once = _LEAST_AT_ONCE
-    while rows := list(islice(stream, n_at_once)):
-        connections, logged_ns, data = zip(*rows, strict=True)
-        block = block_of(data, list(map(numbers.__getitem__, map(id, connections))), logged_ns)
-        n_at_once = max(_LEAST_AT_ONCE, min(2 * n_at_once, _BYTES_AT_ONCE * len(rows) // (block.n_bytes + 1)))
-        yield block
+    messages = inner.messages(connections=wanted)
+    return blocks_of_rows(
+        (numbers[id(connection)], logged_ns, data) for connection, logged_ns, data in messages
+    )
 
 
-def _from_chunks(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block] | None:
-    """The same from the chunks of bags and MCAP files; None where there are none, or messages are packed one by one."""
+def _from_storage(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block] | None:
+    """The same from chunks of bags and MCAP files, or rows of .db3 files; None where they have to come one by one."""
     if len(reader.readers) != 1:
         return None
     (inner,) = reader.readers
@@ -329,23 +325,29 @@ def _from_chunks(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int
     if outer is None or outer.metadata.compression_mode == "message":
         return None
     storages = getattr(outer, "storages", [outer])
-    if not all(
+    kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
+    if all(isinstance(storage, storage_sqlite3.Sqlite3Reader) for storage in storages):
+        return _from_files(storages, kinds, db3_blocks)
+    if all(
         isinstance(storage, storage_mcap.McapReader) and are_orderly(storage.chunks) for storage in storages
     ):
-        return None
-    kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
-    return _from_files(storages, kinds)
+        return _from_files(storages, kinds, ordered_messages)
+    return None
 
 
-def _from_files(storages: list[Any], kinds: Mapping[tuple[str, str], int]) -> Iterator[Block]:
-    """Messages of some topics and types from the chunks of MCAP files."""
+def _from_files(
+    storages: list[Any],
+    kinds: Mapping[tuple[str, str], int],
+    blocks_of: Callable[[Any, Mapping[int, int]], Iterator[Block]],
+) -> Iterator[Block]:
+    """Messages of some topics and types from the files of a bag, one after the other."""
     for storage in storages:
         channels = {
             connection.id: kinds[connection.topic, connection.msgtype]
             for connection in storage.connections
             if (connection.topic, connection.msgtype) in kinds
         }
-        yield from ordered_messages(storage, channels)
+        yield from blocks_of(storage, channels)
 
 
 @functools.cache

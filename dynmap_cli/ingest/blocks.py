@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 
 from dynmap_cli.arrays import I64, U8
+
+_LEAST_AT_ONCE, _MOST_AT_ONCE, _BYTES_AT_ONCE = 64, 2048, 1 << 19
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +70,9 @@ def columns_of(content: U8, places: I64, size: int) -> U8:
     if int(places.min()) < 0 or int(places.max()) + size > content.size:
         msg = "places outside the content"
         raise ValueError(msg)
-    # Overlapping rows, one from each byte on, of which some are copied.
-    windows: NDArray[np.uint8] = as_strided(content, (content.size - size + 1, size), (1, 1), writeable=False)
-    return np.asarray(windows[places])
+    # Overlapping rows, one from each byte on, of which some are copied, each as one piece.
+    windows = np.ndarray((content.size - size + 1,), np.dtype((np.void, size)), content.data, strides=(1,))
+    return np.asarray(windows[places].view(np.uint8).reshape(-1, size))
 
 
 def block_of(data: Sequence[bytes], channels: Any, logged_ns: Any) -> Block:
@@ -84,6 +85,18 @@ def block_of(data: Sequence[bytes], channels: Any, logged_ns: Any) -> Block:
         np.asarray(channels, dtype=np.int64),
         np.asarray(logged_ns, dtype=np.int64),
     )
+
+
+def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:
+    """Yield messages that come one by one, each behind the number of its channel and its time, half a MiB at a time."""
+    n_at_once = _LEAST_AT_ONCE
+    while found := list(islice(rows, n_at_once)):
+        channels, logged_ns, data = zip(*found, strict=True)
+        block = block_of(data, channels, logged_ns)
+        yield block
+        n_at_once = min(
+            max(_BYTES_AT_ONCE * len(found) // (block.n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE
+        )
 
 
 def joined(blocks: Sequence[Block]) -> Block:

@@ -93,7 +93,8 @@ def _view(laser: RawLaser, tree: FrameTree, base: str) -> LaserView:
         mounting = find_mounting(tree, base, laser.frame, laser.stamps_ns)
     shape = laser.usual_shape
     picked = np.linspace(0, laser.n_scans - 1, min(_SAMPLED_SWEEPS, laser.n_scans)).astype(np.int64)
-    values = np.concatenate([laser.ranges_of(number) for number in picked.tolist()])
+    values = np.full((picked.size, int(laser.n_beams.max())), np.nan, dtype=np.float32)
+    laser.fill(values, picked)
     values = values[np.isfinite(values) & (values > 0.0) & (values < np.float32(shape.range_max_m))]
     delays = laser.logged_ns - laser.stamps_ns
     return LaserView(

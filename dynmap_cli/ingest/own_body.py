@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.columns import blocks_of
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw_laser import RawLaser
 from dynmap_cli.ingest.settings import MaskSector
@@ -77,13 +79,14 @@ def moves_of(poses: F64, usable: B1) -> Moves:
     chosen = [0] if known.size else []
     at, window = 1, _AHEAD
     ready: list[int] = []
-    begin = 0
+    begin = end = 0
     while at < known.size and len(chosen) < _MOST_SCANS:
         if at == chosen[-1] + 1:
             # While the robot drives, the next is one of the first few.
-            if at > begin + len(ready):
+            if at > end:
                 begin = at - 1
                 ready = _next_moved(poses[known[begin : begin + _BLOCK + _AHEAD]])
+                end = begin + len(ready)
             step = ready[at - 1 - begin]
             if step:
                 chosen.append(at - 1 + step)
@@ -141,7 +144,10 @@ def own_body(ranges_m: F32, moves: Moves, range_min_m: float) -> F64:
     found = np.full(ranges_m.shape[1], np.nan)
     if moves.rows.size < _LEAST_SCANS:
         return found
-    seen = ranges_m[moves.rows]
+    seen = np.empty((moves.rows.size, ranges_m.shape[1]), dtype=np.float32)
+    for rows in blocks_of(seen):
+        seen[rows] = ranges_m[moves.rows[rows]]
+        give_back(ranges_m)
     is_measured = (seen >= np.float32(range_min_m)) & (seen > 0.0)
     is_near = is_measured & (seen < _FARTHEST_M)
     for beam in np.flatnonzero(is_near.mean(axis=0) >= _LEAST_MEASURED):
@@ -219,10 +225,12 @@ def mask_body(columns: Columns, number: int, poses: F64, range_min_m: float, bea
         body_m = own_body(columns.ranges_m, part, range_min_m)
         beams = np.flatnonzero(np.isfinite(body_m))
         scans = np.flatnonzero(columns.geometry_index == row)
-        for beam in beams:
-            ranges_m = columns.ranges_m[scans, beam]
-            ranges_m[ranges_m <= body_m[beam] + _SAME_M] = np.nan
-            columns.ranges_m[scans, beam] = ranges_m
+        for rows in blocks_of(columns.ranges_m) if beams.size else ():
+            inside = scans[slice(*np.searchsorted(scans, (rows.start, rows.stop)))]
+            ranges_m = columns.ranges_m[inside[:, None], beams]
+            ranges_m[ranges_m <= body_m[beams] + _SAME_M] = np.nan
+            columns.ranges_m[inside[:, None], beams] = ranges_m
+            give_back(columns.ranges_m)
         if beams.size:
             said.append((beams.size, bearings_rad[row, beams], body_m[beams]))
     if not said:

@@ -7,10 +7,12 @@ from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2Writer
 
-from dynmap_cli.ingest import bags, batches, mcap_chunks
+from dynmap_cli.ingest import bags, batches, blocks, mcap_chunks
 from dynmap_cli.ingest.bag1_chunks import bag1_blocks
 from dynmap_cli.ingest.bags import read_bag
+from dynmap_cli.ingest.db3_blocks import db3_blocks
 from dynmap_cli.ingest.layouts import layout_of
 from dynmap_cli.ingest.space import Space
 from tests.ingest.written import (
@@ -115,7 +117,7 @@ def test_batches_read_what_the_library_reads(tmp_path, monkeypatch, how, world, 
     monkeypatch.setattr(batches, "_BATCH", batch)
     found = content_of(read_bag(path, "a", kind, Space()))
     monkeypatch.setattr(batches, "has_layout", lambda _: False)
-    monkeypatch.setattr(bags, "_from_chunks", lambda *_: None)
+    monkeypatch.setattr(bags, "_from_storage", lambda *_: None)
     assert found == content_of(read_bag(path, "a", kind, Space()))
 
 
@@ -217,3 +219,28 @@ def test_a_chunk_whose_index_does_not_fit_is_walked_through(tmp_path, monkeypatc
     found = content_of(read_bag(path, "a", "MCAP file", Space()))
     monkeypatch.setattr(mcap_chunks, "_indexed", lambda *_: None)
     assert found == content_of(read_bag(path, "a", "MCAP file", Space()))
+
+
+def test_rows_of_a_db3_come_in_the_order_of_rosbags(tmp_path, monkeypatch):
+    monkeypatch.setattr(blocks, "_MOST_AT_ONCE", 70)
+    draw = np.random.default_rng(4)
+    with Bag2Writer(tmp_path / "a", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connections = [writer.add_connection(topic, SCAN, typestore=ROS2) for topic in ("/a", "/b", "/c")]
+        for number in range(400):
+            at = number // 5 * 10 + int(draw.integers(0, 25))
+            writer.write(
+                connections[number % 3], at, bytes(draw.integers(0, 40)) + f"message {number}".encode()
+            )
+    with AnyReader([tmp_path / "a"]) as reader:
+        asked = [connection for connection in reader.connections if connection.topic != "/b"]
+        expected = [(connection.topic, at, bytes(data)) for connection, at, data in reader.messages(asked)]
+        (storage,) = reader.readers[0].storage.storages
+        topics = {connection.id: connection.topic for connection in storage.connections}
+        names = ["/c", "/a"]
+        wanted = {number: names.index(topic) for number, topic in topics.items() if topic != "/b"}
+        found = [
+            (names[channel], at, block.data_of(row))
+            for block in db3_blocks(storage, wanted)
+            for row, (channel, at) in enumerate(zip(block.channels, block.logged_ns.tolist(), strict=True))
+        ]
+    assert found == expected
