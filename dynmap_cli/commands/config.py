@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from dynmap_cli.commands.options import Shared, echo, shared_options
+from dynmap_cli.commands.options import Shared, shared_options
+from dynmap_cli.standard_output import echo
 
 
 @click.group("config")

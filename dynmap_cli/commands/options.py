@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import json
 import logging
@@ -11,16 +10,15 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.plain_values import number_in
 from dynmap_cli.printable import for_people
+from dynmap_cli.standard_output import echo
 
 if TYPE_CHECKING:
     from dynmap_cli.config import Config, LoadedConfig
@@ -228,20 +226,6 @@ def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: boo
     print_summary(
         {"run": str(run_dir), "stages": summary, "outdated": outdated}, [*lines, *outdated], as_json=as_json
     )
-
-
-def echo(text: str) -> None:
-    """Write a result to stdout, all of it."""
-    try:
-        if sys.stdout is None:
-            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        click.echo(text, nl=False)
-    except OSError as err:
-        with suppress(OSError, AttributeError):
-            # What is still in the buffer would fail once more at the end of the process.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        msg = f"stdout: cannot be written ({err.strerror}). Choose another output or free the place."
-        raise ArtifactError(msg) from err
 
 
 def _as_json(value: Any) -> Any:

@@ -311,7 +311,9 @@ def test_names_that_the_terminal_cannot_show(small, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-@pytest.mark.parametrize("words", [["config", "show"], ["check", "--json"]])
+@pytest.mark.parametrize(
+    "words", [["config", "show"], ["check", "--json"], ["--help"], ["localize", "--help"], ["--version"]]
+)
 def test_an_output_that_is_full(small, words):
     recording = [str(small.recording)] if words[0] == "check" else []
     with Path("/dev/full").open("w") as full:
