@@ -14,6 +14,7 @@ from dynmap_cli.commands.options import (
     shared_options,
     start_option,
 )
+from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
 MOST_STATES = 20
@@ -63,6 +64,7 @@ def command(
     from dynmap_cli.finished import compare
     from dynmap_cli.outdated import outdated_results
 
+    check_order(run_dir, recordings)
     if map_truth is not None and truth is None:
         msg = "--map-truth needs --truth"
         raise click.UsageError(msg)

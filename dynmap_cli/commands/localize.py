@@ -17,6 +17,7 @@ from dynmap_cli.commands.options import (
     shared_options,
     start_option,
 )
+from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
 
@@ -64,6 +65,8 @@ def command(
     if not recordings:
         msg = "give RUN and a recording: dynmap localize RUN LOG"
         raise click.UsageError(msg)
+    if run_dir is not None:
+        check_order(run_dir, recordings)
     if out_dir is None:
         if run_dir is None:
             msg = "--map needs --output OUT"

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, reading_options
+from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
 
@@ -26,5 +27,6 @@ def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: 
     """
     from dynmap_cli.update import update
 
+    check_order(run_dir, recordings)
     results = update(run_dir, recordings, threads=threads or os.cpu_count() or 1)
     print_results(run_dir, results, as_json=as_json)

@@ -328,6 +328,18 @@ def test_an_output_that_is_full(small, words):
     assert done.stderr.splitlines()[-1].startswith("dynmap: stdout: cannot be written")
 
 
+@pytest.mark.parametrize("verb", ["localize", "update", "compare"])
+def test_a_recording_in_the_place_of_the_run(small, tmp_path, verb, unharmed):
+    before = unharmed(small.run_dir)
+    swapped = run_dynmap(verb, small.recording, small.run_dir)
+    assert swapped.exit_code == 2
+    assert f"RUN comes first, `dynmap {verb} {small.run_dir} {small.recording}`" in swapped.stderr
+    alone = run_dynmap(verb, small.recording, small.recording)
+    assert alone.exit_code == 2
+    assert f"{small.recording} is a file, not a run directory" in alone.stderr
+    assert unharmed(small.run_dir) == before
+
+
 @pytest.mark.parametrize("closed", ["| head -c 0", ">&-"])
 def test_an_output_that_nobody_reads(closed):
     call = f"sleep 1 | {sys.executable} -m dynmap_cli config show {closed}; exit ${{PIPESTATUS[1]}}"
