@@ -56,7 +56,12 @@ def _smooth_option(function: Function) -> Function:
 def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared
 ) -> None:
-    """Track pose and state of the world through LOG, in the maps of RUN or in --map."""
+    """Track pose and state of the world through LOG, in the maps of RUN or in --map.
+
+    Exit code 0 says that all results are written, not that they can be trusted: with --json,
+    `stages.localize.another_place` is true if LOG was not made in the place of the map; `tracking`, `changed` and
+    `lost` beside it are shares of the recording.
+    """
     from dynmap_cli.finished import localize
     from dynmap_cli.outdated import outdated_results
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.localization.changes import changed_line
+from dynmap_cli.localization.changes import changed_line, is_another_place
 from dynmap_cli.localization.found import Localization
 from dynmap_cli.localization.state_tables import NEVER_MAPPED, PatchBelief
 
@@ -59,6 +59,7 @@ def summarize(
         "updates": len(found.health),
         "path_m": round(found.trajectory.length_m(), 3),
         **{verdict: round(share, 4) for verdict, share in shares.items()},
+        "another_place": is_another_place(found.health),
         "searches": len(found.searches),
         "submaps_seen": len(by_submap),
         "lines": lines,
