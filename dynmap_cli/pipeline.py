@@ -224,6 +224,16 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
     return StageResult(stage.name, ran=True, manifest=manifest, folder=folder)
 
 
+def is_up_to_date(stage: Stage, context: StageContext) -> bool:
+    """Whether `run_stage` would find nothing to do; says nothing."""
+    folder = context.run_dir / stage.folder
+    done = read_manifest(folder, stage.name)
+    settings = {**_settings_of(stage, context.config), **context.options}
+    return done is not None and not why_again(
+        done, stage.section, settings, _inputs_of(stage, context), folder
+    )
+
+
 def _note_run(result: StageResult, run_dir: Path, config: Config) -> None:
     """Keep run.yaml in step with what was run."""
     if result.ran or not _is_noted(result, run_dir / "run.yaml"):

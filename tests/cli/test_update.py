@@ -141,7 +141,11 @@ def test_seed_and_settings_of_localize_stay(corridor, updated, tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "found"),
     [
-        ("states", "objects", "localization.states = 'objects' is not allowed: `belief` replaces it (States: "),
+        (
+            "states",
+            "objects",
+            "localization.states = 'objects' is not allowed: `belief` replaces it (States: ",
+        ),
         ("gone", 1, "unknown setting 'gone' in section 'localization'"),
     ],
 )
