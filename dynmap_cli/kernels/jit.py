@@ -42,7 +42,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     )
 
 
-class _FirstCompilation(event.Listener):  # type: ignore[misc]
+class _FirstCompilation(event.Listener):
     """Calls a function before the first kernel that has to be compiled; those from the cache do not count."""
 
     def __init__(self, function: Callable[[], None]) -> None:
@@ -60,4 +60,5 @@ class _FirstCompilation(event.Listener):  # type: ignore[misc]
 
 def before_first_compilation(function: Callable[[], None]) -> None:
     """Have a function called once in this process, when a kernel is compiled."""
-    event.register("numba:compile", _FirstCompilation(function))
+    events: Any = event
+    events.register("numba:compile", _FirstCompilation(function))
