@@ -58,9 +58,9 @@ def command(
     """Localize LOG in the patch map of RUN and in maps without it, from the same start.
 
     These are the map of all beams, the filtered map, the union of all states, and the map in single states. Draws
-    errors and states over time (Fig. 1.13 and 1.15 of the paper).
+    errors (with --truth), spread and states over time (Fig. 1.13 and 1.15 of the paper).
     """
-    from dynmap_cli.comparison.stage import FILES, TruthFiles
+    from dynmap_cli.comparison.stage import TruthFiles
     from dynmap_cli.finished import compare
     from dynmap_cli.outdated import outdated_results
 
@@ -80,7 +80,7 @@ def command(
         force=force,
     )
     summary = dict(results[-1].manifest.summary)
-    files = {name: str(out_dir / name) for name in FILES}
+    files = {name: str(out_dir / name) for name in sorted(results[-1].manifest.outputs)}
     warnings = [line for line in results[0].manifest.summary.get("lines", ()) if line.startswith("warning")]
     lines = [*(f"ingest: {line}" for line in warnings), *summary["lines"]]
     lines += [f"{Path(name).stem:12}{path}" for name, path in files.items()]

@@ -64,7 +64,8 @@ def test_no_update_is_advised_for_the_map_of_another_place():
 def test_scripts_are_told_by_a_word_of_the_summary(n_wrong, is_other):
     rows = [row(k, lost=3.0 * (k < n_wrong)) for k in range(20)]
     stamps_ns = np.array([one.stamp_ns for one in rows])
-    found = Localization(Trajectory(stamps_ns, np.zeros((20, 3))), poses=[], states=[], health=rows)
+    path = Trajectory(stamps_ns, np.zeros((20, 3)))
+    found = Localization(path, poses=[], states=[], health=rows, searches=[], clouds=[], warnings=[])
     summary = summarize(found, [], {})
     assert summary["another_place"] is is_other
     assert (summary["tracking"], summary["changed"], summary["lost"]) == (1.0, 0.0, 0.0)
