@@ -37,7 +37,7 @@ VERBS = (
 
 EPILOG = """\b
 Exit codes:
-    0  done
+    0  done; what that means for localize, its --help says
     1  internal error: a bug, with its traceback
     2  usage
     3  settings or scenario
@@ -99,4 +99,14 @@ def _fail(err: DynmapError) -> NoReturn:
 )
 @click.version_option(__version__, prog_name="dynmap")
 def main() -> None:
-    """Turn recorded robot logs into maps of places that change, and localize later recordings in them."""
+    r"""Turn recorded robot logs into maps of places that change, and localize later recordings in them.
+
+    \b
+    Start with
+      dynmap check LOG          what is in a recording, and whether it can be used
+      dynmap build LOG -o RUN   map it; then open RUN/report.html
+      dynmap localize RUN LOG   find another recording in this map
+
+    LOG is a recording: CARMEN text, a ROS 1 or ROS 2 bag or an MCAP file, also compressed; `-` = through a pipe. RUN
+    is the folder of a map. A sub-map is an area that changes; its ID is a number, which `dynmap timeline RUN` lists.
+    """

@@ -20,10 +20,17 @@ from dynmap_cli.commands.piped import LogPath
 MOST_STATES = 20
 
 
-@click.command("compare")
+@click.command("compare", short_help="Localize LOG with and without the states of RUN.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
-@click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/comparison/NAME.")
+@click.option(
+    "-o",
+    "--output",
+    "out_dir",
+    metavar="OUT",
+    type=PATH,
+    help="Where to write (default: RUN/comparison/NAME, NAME as that of LOG).",
+)
 @click.option("--truth", metavar="FILE.tum", type=PATH, help="True poses of LOG; errors are measured then.")
 @click.option(
     "--map-truth",

@@ -17,12 +17,15 @@ from dynmap_cli.domain.times import readable_time
 _MARKS = {"on": "+", "off": "-", "unknown": "."}
 
 
-@click.command("explain")
+@click.command("explain", short_help="Say why an area of RUN is a sub-map.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("submap_id", metavar="ID", type=int)
 @reading_options
 def command(run_dir: Path, submap_id: int, as_json: bool) -> None:
-    """Say of sub-map ID of RUN which evidence contradicts, which visits saw what, and which states they make."""
+    """Say of sub-map ID of RUN which evidence contradicts, which visits saw what, and which states they make.
+
+    `dynmap timeline RUN` lists the IDs.
+    """
     from dynmap_cli.finished import explain
 
     found = explain(run_dir, submap_id)

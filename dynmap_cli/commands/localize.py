@@ -36,9 +36,16 @@ def _smooth_option(function: Function) -> Function:
     return wrapper
 
 
-@click.command("localize")
+@click.command("localize", short_help="Find the robot of LOG in the map of RUN.")
 @click.argument("paths", metavar="[RUN] LOG...", nargs=-1, required=True, type=LogPath())
-@click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/localization/NAME.")
+@click.option(
+    "-o",
+    "--output",
+    "out_dir",
+    metavar="OUT",
+    type=PATH,
+    help="Where to write (default: RUN/localization/NAME, NAME as that of LOG).",
+)
 @click.option(
     "--map",
     "map_yaml",
@@ -60,7 +67,7 @@ def command(
 
     Exit code 0 says that all results are written, not that they can be trusted: with --json,
     `stages.localize.another_place` is true if LOG was not made in the place of the map; `tracking`, `changed` and
-    `lost` beside it are shares of the recording.
+    `lost` beside it are shares of its updates.
     """
     from dynmap_cli.finished import localize
     from dynmap_cli.outdated import outdated_results

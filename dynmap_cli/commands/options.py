@@ -69,13 +69,28 @@ class Shared:
 def shared_options(function: Function) -> Function:
     """Add --config, --set, --seed, --threads, --json, -v and -q; the verb gets one `shared` argument."""
 
-    @click.option("--config", "config_path", type=PATH, help="YAML file with settings.")
     @click.option(
-        "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated."
+        "--config",
+        "config_path",
+        type=PATH,
+        help="YAML file with settings, or a parameter file of nav2 or AMCL.",
     )
-    @click.option("--seed", type=click.IntRange(0, MAX_SEED), help="Seed of everything random (default 0).")
     @click.option(
-        "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+        "--set",
+        "assignments",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="One setting, as map.resolution_m=0.1; may be repeated.",
+    )
+    @click.option(
+        "--seed", metavar="N", type=click.IntRange(0, MAX_SEED), help="Seed of everything random (default 0)."
+    )
+    @click.option(
+        "--threads",
+        metavar="N",
+        type=click.IntRange(0, MAX_THREADS),
+        default=0,
+        help="Threads to use; 0 = all cores.",
     )
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
@@ -125,7 +140,7 @@ def reading_options(function: Function) -> Function:
 def recording_options(function: Function) -> Function:
     """Add --scan-topic, --odom, --laser-pose, --mask-sector and --strict: settings of the section `ingest`."""
 
-    @click.option("--scan-topic", help="Topic of the laser scans (default: found on its own).")
+    @click.option("--scan-topic", help="Topic of the laser scans (default: the laser that sees most).")
     @click.option("--odom", help="Odometry: a topic, 'tf' or 'none' (default: found on its own).")
     @click.option(
         "--laser-pose", metavar="X,Y,YAW", help="Pose of the laser on the robot, metres and radians."

@@ -12,11 +12,15 @@ from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
 
-@click.command("update")
+@click.command("update", short_help="Add LOG to the map of RUN.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
-    "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+    "--threads",
+    metavar="N",
+    type=click.IntRange(0, MAX_THREADS),
+    default=0,
+    help="Threads to use; 0 = all cores.",
 )
 @reading_options
 def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: bool) -> None:
