@@ -19,6 +19,8 @@ from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
 _SCALE_PIXELS = 36
+_FEW, _FEW_PIXELS = 500, 4
+"""So few removed beams are drawn larger, or nobody finds them on a large map."""
 Cells = TypeVar("Cells", F32, I8)
 FULL_REFLECTANCE = 0.5
 """What reflects so much, or more, is drawn in full colour."""
@@ -57,8 +59,9 @@ class MapPicture:
         pixels = self._pixels.copy()
         height, width = pixels.shape[:2]
         spots = np.floor(self._to_pixels(removed_m)).astype(np.int64)
-        for step_x, step_y in ((0, 0), (1, 0), (0, 1), (1, 1))[: 1 if self._zoom == 1 else 4]:
-            x, y = spots[:, 0] + step_x, spots[:, 1] + step_y
+        side = _FEW_PIXELS if len(spots) <= _FEW else min(self._zoom, 2)
+        for step_x, step_y in np.ndindex(side, side):
+            x, y = spots[:, 0] + step_x - side // 2, spots[:, 1] + step_y - side // 2
             inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
             pixels[y[inside], x[inside]] = MOVED
         image = Image.fromarray(pixels)
