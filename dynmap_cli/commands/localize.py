@@ -17,7 +17,7 @@ from dynmap_cli.commands.options import (
     shared_options,
     start_option,
 )
-from dynmap_cli.commands.order import check_order
+from dynmap_cli.commands.order import check_no_run, check_order
 from dynmap_cli.commands.piped import LogPath
 
 
@@ -77,7 +77,9 @@ def command(
     if not recordings:
         msg = "give RUN and a recording: dynmap localize RUN LOG"
         raise click.UsageError(msg)
-    if run_dir is not None:
+    if run_dir is None:
+        check_no_run(recordings)
+    else:
         check_order(run_dir, recordings)
     if out_dir is None:
         if run_dir is None:

@@ -28,6 +28,20 @@ def check_order(run_dir: Path, recordings: Sequence[Path]) -> None:
         raise click.UsageError(msg)
 
 
+def check_no_run(recordings: Sequence[Path]) -> None:
+    """Refuse a run beside --map, which would be read as a recording.
+
+    Raises
+    ------
+    click.UsageError
+        If there is one.
+    """
+    for path in recordings:
+        if _is_run(path):
+            msg = f"{path} is a run directory, and --map is another map: leave out one of the two"
+            raise click.UsageError(msg)
+
+
 def _is_run(path: Path) -> bool:
     """Whether a stage of dynmap ran here."""
     return (path / "run.yaml").is_file()

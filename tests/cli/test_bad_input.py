@@ -340,6 +340,14 @@ def test_a_recording_in_the_place_of_the_run(small, tmp_path, verb, unharmed):
     assert unharmed(small.run_dir) == before
 
 
+def test_a_run_and_a_map_at_once(small, tmp_path):
+    map_yaml, out = small.run_dir / "map" / "map.yaml", tmp_path / "out"
+    both = run_dynmap("localize", small.run_dir, small.recording, "--map", map_yaml, "-o", out)
+    assert both.exit_code == 2
+    assert f"{small.run_dir} is a run directory, and --map is another map" in both.stderr
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("closed", ["| head -c 0", ">&-"])
 def test_an_output_that_nobody_reads(closed):
     call = f"sleep 1 | {sys.executable} -m dynmap_cli config show {closed}; exit ${{PIPESTATUS[1]}}"
