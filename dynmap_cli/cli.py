@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 import io
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from dynmap_cli import __version__
 from dynmap_cli.errors import DynmapError
 from dynmap_cli.printable import for_people
+from dynmap_cli.standard_output import is_of_output, unwritable
 
 VERBS = (
     "check",
@@ -36,7 +37,7 @@ VERBS = (
 
 EPILOG = """\b
 Exit codes:
-    0  done
+    0  done; what that means for localize, its --help says
     1  internal error: a bug, with its traceback
     2  usage
     3  settings or scenario
@@ -66,18 +67,29 @@ class DynmapGroup(click.Group):
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")
-        return super().main(*args, **kwargs)
+        try:
+            return super().main(*args, **kwargs)
+        except OSError as err:
+            # The help of click goes to stdout by itself; any other failure is a bug.
+            if not is_of_output(err):
+                raise
+            _fail(unwritable(err))
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the chosen verb."""
         try:
             return super().invoke(ctx)
         except DynmapError as err:
-            click.echo(f"dynmap: {for_people(' '.join(str(err).splitlines()))}", err=True)
-            sys.exit(err.exit_code)
+            _fail(err)
         except KeyboardInterrupt:
             click.echo("dynmap: interrupted; finished stages are kept", err=True)
             sys.exit(130)
+
+
+def _fail(err: DynmapError) -> NoReturn:
+    """Say in one line what failed, and end with its exit code."""
+    click.echo(f"dynmap: {for_people(' '.join(str(err).splitlines()))}", err=True)
+    sys.exit(err.exit_code)
 
 
 @click.group(
@@ -87,4 +99,14 @@ class DynmapGroup(click.Group):
 )
 @click.version_option(__version__, prog_name="dynmap")
 def main() -> None:
-    """Turn recorded robot logs into maps of places that change, and localize later recordings in them."""
+    r"""Turn recorded robot logs into maps of places that change, and localize later recordings in them.
+
+    \b
+    Start with
+      dynmap check LOG          what is in a recording, and whether it can be used
+      dynmap build LOG -o RUN   map it; then open RUN/report.html
+      dynmap localize RUN LOG   find another recording in this map
+
+    LOG is a recording: CARMEN text, a ROS 1 or ROS 2 bag or an MCAP file, also compressed; `-` = through a pipe. RUN
+    is the folder of a map. A sub-map is an area that changes; its ID is a number, which `dynmap timeline RUN` lists.
+    """

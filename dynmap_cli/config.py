@@ -25,6 +25,8 @@ from dynmap_cli.segmentation.settings import SegmentationSettings
 AMCL = "amcl"
 """The section under which parameters of a file of AMCL go until they are translated."""
 
+_COMMAND_LINE = "command line"
+
 
 class Config(BaseModel):
     """All settings, one section per room."""
@@ -72,15 +74,31 @@ def load_config(path: Path | None, assignments: Mapping[str, Any]) -> LoadedConf
     ConfigError
         On an unknown key (with the nearest known one) or a value out of bounds.
     """
+    given = [] if path is None else [(str(path), _flat(_read_yaml(path), path))]
+    return config_of([*given, (_COMMAND_LINE, assignments)])
+
+
+def config_of(given: Sequence[tuple[str, Mapping[str, Any]]]) -> LoadedConfig:
+    """The settings in effect.
+
+    Parameters
+    ----------
+    given : sequence of (str, mapping of "section.key" to value)
+        Where settings come from, and which; later ones win.
+
+    Raises
+    ------
+    ConfigError
+        On an unknown key (with the nearest known one) or a value out of bounds, with where it came from.
+    """
     values: dict[str, Any] = {}
     origins: dict[str, str] = {}
     notes: list[str] = []
-    given = [] if path is None else [(str(path), _flat(_read_yaml(path), path))]
-    for origin, assigned in (*given, ("command line", assignments)):
+    for origin, assigned in given:
         translated, unused = _without_amcl_names(assigned, origin)
         notes += unused
         for key, value in translated.items():
-            _assign(values, key, value, "" if origin == "command line" else f"{origin}: ")
+            _assign(values, key, value, "" if origin == _COMMAND_LINE else f"{origin}: ")
             origins[key] = origin
     try:
         return LoadedConfig(Config.model_validate(values), origins, tuple(notes))

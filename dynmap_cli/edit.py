@@ -28,6 +28,7 @@ from dynmap_cli.pipeline import (
     StageResult,
     check_finished,
     context_of,
+    is_up_to_date,
     run_stage,
     write_run_yaml,
 )
@@ -96,12 +97,16 @@ def edit(run_dir: Path, wishes: Wishes, *, threads: int) -> tuple[tuple[Correcti
         config = settings_of(run_dir)
         before = read_edits(run_dir)
         context = context_of(run_dir, config, threads, ())
-        results = [run_stage(stage, context, force=False) for stage in (SEGMENT, CLUSTER)]
+        results = []
+        if not all(is_up_to_date(stage, context) for stage in (SEGMENT, CLUSTER)):
+            # What is corrected are the sub-maps and states of now.
+            results = [run_stage(stage, context, force=False) for stage in (SEGMENT, CLUSTER)]
         corrections = _corrected(run_dir, before, wishes, config)
         if corrections != before or (corrections and not (run_dir / FOLDER).is_dir()):
             _record(run_dir, corrections)
-            results = [run_stage(stage, context, force=False) for stage in (SEGMENT, CLUSTER)]
-        results.append(run_stage(REPORT, context, force=False))
+            results = []
+        stages = (REPORT,) if results else (SEGMENT, CLUSTER, REPORT)
+        results += [run_stage(stage, context, force=False) for stage in stages]
         write_run_yaml(run_dir, config)
     return corrections, results
 

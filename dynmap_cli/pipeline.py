@@ -16,6 +16,7 @@ import yaml
 
 from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
+from dynmap_cli.compiling import announce_compilation
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError, DynmapError, LogError
 from dynmap_cli.files import edits, known
@@ -199,6 +200,7 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
             return StageResult(stage.name, ran=False, manifest=done, folder=folder)
         _log.info("%s: runs again, %s", stage.name, why)
     _log.info("%s: %s", stage.name, stage.title)
+    announce_compilation()
     if stage.needs is not None:
         check_space(stage.name, *stage.needs(context), folder)
     started = time.process_time()
@@ -222,6 +224,16 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
         )
         publish(part, folder, manifest)
     return StageResult(stage.name, ran=True, manifest=manifest, folder=folder)
+
+
+def is_up_to_date(stage: Stage, context: StageContext) -> bool:
+    """Whether `run_stage` would find nothing to do; says nothing."""
+    folder = context.run_dir / stage.folder
+    done = read_manifest(folder, stage.name)
+    settings = {**_settings_of(stage, context.config), **context.options}
+    return done is not None and not why_again(
+        done, stage.section, settings, _inputs_of(stage, context), folder
+    )
 
 
 def _note_run(result: StageResult, run_dir: Path, config: Config) -> None:

@@ -10,15 +10,15 @@ from shutil import copyfile
 from typing import Any
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
-from dynmap_cli.config import Config, load_config
-from dynmap_cli.errors import ArtifactError, LogError
+from dynmap_cli.config import Config, config_of
+from dynmap_cli.errors import ArtifactError, ConfigError, LogError
 from dynmap_cli.files.atomic import scratch_folder
 from dynmap_cli.files.damage import reason
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.files.edits import NAME as EDITS
 from dynmap_cli.files.known import remember
 from dynmap_cli.files.lock import writing
-from dynmap_cli.files.manifest import Manifest, read_manifest
+from dynmap_cli.files.manifest import Manifest, manifest_path, read_manifest
 from dynmap_cli.files.publishing import SWAPPED_IN, finish_swap
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.pipeline import (
@@ -93,13 +93,29 @@ def _made_beside(run_dir: Path, new: Sequence[Path], config: Config, threads: in
 
 
 def settings_of(run_dir: Path) -> Config:
-    """The settings that a run was made with: of its stages by their manifests, the others as run.yaml notes them."""
-    words = _noted_settings(run_dir)
+    """The settings that a run was made with: of its stages by their manifests, the others as run.yaml notes them.
+
+    Raises
+    ------
+    ConfigError
+        If this version does not allow one of them.
+    """
+    noted = [(str(run_dir / "run.yaml"), _noted_settings(run_dir))]
     for stage in STAGES:
         done = read_manifest(run_dir / stage.folder, stage.name)
         if done is not None and stage.section in Config.model_fields:
-            words.update({f"{stage.section}.{key}": value for key, value in done.settings.items()})
-    return load_config(None, words).config
+            words = {f"{stage.section}.{key}": value for key, value in done.settings.items()}
+            noted.append((str(manifest_path(run_dir / stage.folder, stage.name)), words))
+    try:
+        return config_of(noted).config
+    except ConfigError as err:
+        remedy = (
+            "Correct it in this file, nothing of the run has to be made again"
+            if str(err).startswith(noted[0][0])
+            else f"Another version of dynmap made {run_dir}; run `dynmap build LOG -o {run_dir} --force`"
+        )
+        msg = f"{err}. {remedy}."
+        raise ConfigError(msg) from err
 
 
 def _noted_settings(run_dir: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from dynmap_cli.commands.piped import LogPath
 STAGE_NAMES = ("ingest", "map", "segment", "cluster", "report")
 
 
-@click.command("build")
+@click.command("build", short_help="Make a map from LOG: all stages and the report.")
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
 @click.option("--force", is_flag=True, help="Run every stage, and replace a RUN of other recordings.")
@@ -24,7 +24,10 @@ STAGE_NAMES = ("ingest", "map", "segment", "cluster", "report")
 def command(
     recordings: tuple[Path, ...], run_dir: Path, force: bool, force_from: str | None, shared: Shared
 ) -> None:
-    """Read LOG, find path, map and moving beams, the areas that change and the states they take."""
+    """Read LOG, find path, map and moving beams, the areas that change and the states they take.
+
+    Several LOG become one map. What is up to date is not done again. RUN/report.html shows what was found.
+    """
     from dynmap_cli.pipeline import build
 
     results = build(

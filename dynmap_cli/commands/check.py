@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynmap_cli.checking import Check, Refusal
 
 
-@click.command("check")
+@click.command("check", short_help="Say what is in LOG, and whether build will work.")
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
     "--salvage",

@@ -10,7 +10,7 @@ from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_o
 from dynmap_cli.commands.piped import LogPath
 
 
-@click.command("clean")
+@click.command("clean", short_help="Write LOG again without beams on what moves.")
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
     "-o",

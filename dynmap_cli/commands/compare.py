@@ -14,15 +14,23 @@ from dynmap_cli.commands.options import (
     shared_options,
     start_option,
 )
+from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
 MOST_STATES = 20
 
 
-@click.command("compare")
+@click.command("compare", short_help="Localize LOG with and without the states of RUN.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
-@click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/comparison/NAME.")
+@click.option(
+    "-o",
+    "--output",
+    "out_dir",
+    metavar="OUT",
+    type=PATH,
+    help="Where to write (default: RUN/comparison/NAME, NAME as that of LOG).",
+)
 @click.option("--truth", metavar="FILE.tum", type=PATH, help="True poses of LOG; errors are measured then.")
 @click.option(
     "--map-truth",
@@ -57,12 +65,13 @@ def command(
     """Localize LOG in the patch map of RUN and in maps without it, from the same start.
 
     These are the map of all beams, the filtered map, the union of all states, and the map in single states. Draws
-    errors and states over time (Fig. 1.13 and 1.15 of the paper).
+    errors (with --truth), spread and states over time (Fig. 1.13 and 1.15 of the paper).
     """
-    from dynmap_cli.comparison.stage import FILES, TruthFiles
+    from dynmap_cli.comparison.stage import TruthFiles
     from dynmap_cli.finished import compare
     from dynmap_cli.outdated import outdated_results
 
+    check_order(run_dir, recordings)
     if map_truth is not None and truth is None:
         msg = "--map-truth needs --truth"
         raise click.UsageError(msg)
@@ -78,7 +87,7 @@ def command(
         force=force,
     )
     summary = dict(results[-1].manifest.summary)
-    files = {name: str(out_dir / name) for name in FILES}
+    files = {name: str(out_dir / name) for name in sorted(results[-1].manifest.outputs)}
     warnings = [line for line in results[0].manifest.summary.get("lines", ()) if line.startswith("warning")]
     lines = [*(f"ingest: {line}" for line in warnings), *summary["lines"]]
     lines += [f"{Path(name).stem:12}{path}" for name, path in files.items()]

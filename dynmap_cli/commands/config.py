@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import click
 
-from dynmap_cli.commands.options import Shared, echo, shared_options
+from dynmap_cli.commands.options import Shared, shared_options
+from dynmap_cli.standard_output import echo
 
 
-@click.group("config")
+@click.group("config", short_help="Show all settings.")
 def command() -> None:
-    """Show settings."""
+    """Show settings; sections and keys are those of --config and --set."""
 
 
 @command.command("show")

@@ -13,7 +13,7 @@ from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, print_
 NUMBER = click.IntRange(min=0)
 
 
-@click.command("edit")
+@click.command("edit", short_help="Correct sub-maps and states of RUN by hand.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.option(
     "--merge",
@@ -22,7 +22,14 @@ NUMBER = click.IntRange(min=0)
     metavar="ID:STATE,STATE",
     help="These states of sub-map ID are one.",
 )
-@click.option("--drop", "drops", multiple=True, type=NUMBER, metavar="ID", help="Sub-map ID is none.")
+@click.option(
+    "--drop",
+    "drops",
+    multiple=True,
+    type=NUMBER,
+    metavar="ID",
+    help="Sub-map ID is no area that changes: leave it out.",
+)
 @click.option(
     "--name", "names", multiple=True, type=(NUMBER, str), metavar="ID NAME", help="What sub-map ID is called."
 )
@@ -37,7 +44,11 @@ NUMBER = click.IntRange(min=0)
 @click.option("--undo", type=click.IntRange(min=1), metavar="N", help="Take correction N of --list back.")
 @click.option("--list", "only_list", is_flag=True, help="Only say which corrections there are.")
 @click.option(
-    "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+    "--threads",
+    metavar="N",
+    type=click.IntRange(0, MAX_THREADS),
+    default=0,
+    help="Threads to use; 0 = all cores.",
 )
 @reading_options
 def command(
@@ -53,8 +64,9 @@ def command(
 ) -> None:
     """Correct sub-maps and states of RUN; later runs and updates of RUN keep to it.
 
-    Corrections are written to RUN/edits.yaml, and the stages that depend on them are run. Options may be repeated;
-    they are taken up in the order undo, polygon, merge, name, drop.
+    `dynmap timeline RUN` lists the IDs of sub-maps and their states. Corrections are written to RUN/edits.yaml, and
+    the stages that depend on them are run. Options may be repeated; they are taken up in the order undo, polygon,
+    merge, name, drop.
     """
     from dynmap_cli.edit import Wishes, corrections_of, edit, list_lines
 

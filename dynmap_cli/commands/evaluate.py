@@ -18,7 +18,7 @@ Function = Callable[..., Any]
 Plot = Callable[[Path, Sequence["Score"]], None]
 
 
-@click.group("evaluate")
+@click.group("evaluate", short_help="Measure results against a truth.")
 def command() -> None:
     """Measure results against truth, references or relations.
 
@@ -33,7 +33,11 @@ def output_options(function: Function) -> Function:
     @click.option("--json", "as_json", is_flag=True, help="Write JSON to stdout.")
     @click.option("--plot", "plot_path", metavar="FILE.png", type=PATH, help="Draw a figure as well.")
     @click.option(
-        "--seed", type=click.IntRange(0, MAX_SEED), default=0, help="Seed of the bootstrap (default 0)."
+        "--seed",
+        metavar="N",
+        type=click.IntRange(0, MAX_SEED),
+        default=0,
+        help="Seed of the bootstrap (default 0).",
     )
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
     @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
@@ -113,7 +117,13 @@ def trajectory_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list
 
 @command.command("beams")
 @click.argument("paths", metavar="[RUN TRUTH]...", nargs=-1, required=True, type=PATH)
-@click.option("--threads", type=click.IntRange(1, MAX_THREADS), default=1, help="Threads to use (default 1).")
+@click.option(
+    "--threads",
+    metavar="N",
+    type=click.IntRange(1, MAX_THREADS),
+    default=1,
+    help="Threads to use (default 1).",
+)
 @output_options
 def beams_command(paths: tuple[Path, ...], threads: int) -> tuple[list[Score], Plot, list[str]]:
     """Compare the label of every beam with what it really hit; two ablations at the same poses beside it.

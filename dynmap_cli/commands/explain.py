@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,36 +11,78 @@ import click
 
 from dynmap_cli.commands.options import PATH, print_summary, reading_options
 from dynmap_cli.commands.tables import table
+from dynmap_cli.domain.points import point_for_people
+from dynmap_cli.domain.times import readable_time
 
 _MARKS = {"on": "+", "off": "-", "unknown": "."}
 
 
-@click.command("explain")
+@click.command("explain", short_help="Say why an area of RUN is a sub-map.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("submap_id", metavar="ID", type=int)
 @reading_options
 def command(run_dir: Path, submap_id: int, as_json: bool) -> None:
-    """Say of sub-map ID of RUN which evidence contradicts, which visits saw what, and which states they make."""
+    """Say of sub-map ID of RUN which evidence contradicts, which visits saw what, and which states they make.
+
+    `dynmap timeline RUN` lists the IDs.
+    """
     from dynmap_cli.finished import explain
 
     found = explain(run_dir, submap_id)
     print_summary(found, [] if as_json else _lines(found), as_json=as_json)
 
 
+class _Clock:
+    """Times for people: t, the seconds from the first scan of the recording, as `localize` says them."""
+
+    def __init__(self, recordings: Sequence[Mapping[str, str]]) -> None:
+        self._names = [one["name"] for one in recordings]
+        self._starts_ns = [_nanoseconds(one["start_s"]) for one in recordings]
+
+    @property
+    def legend(self) -> str:
+        """What the times are counted from."""
+        starts = zip(self._names, map(readable_time, self._starts_ns), strict=True)
+        return f"t in seconds from the first scan of {', '.join(f'{name} ({time})' for name, time in starts)}"
+
+    def at(self, stamp_s: str, begun_s: str | None = None) -> str:
+        """Say t of a stamp, in the recording of what had begun then."""
+        start_ns = self._starts_ns[self._number(begun_s or stamp_s)]
+        return f"{(_nanoseconds(stamp_s) - start_ns) * 1e-9:.1f}"
+
+    def named(self, stamp_s: str | None) -> str:
+        """Say t of a stamp, and which recording it lies in if there are several."""
+        if stamp_s is None:
+            return "-"
+        name = f" in {self._names[self._number(stamp_s)]}" if len(self._names) > 1 else ""
+        return self.at(stamp_s) + name
+
+    def _number(self, stamp_s: str) -> int:
+        """The recording that was the last to begin before a stamp."""
+        return max(bisect_right(self._starts_ns, _nanoseconds(stamp_s)) - 1, 0)
+
+
 def _lines(found: Mapping[str, Any]) -> list[str]:
     """All of it, for people."""
-    (x, y), (width, height) = found["center_m"], found["size_m"]
+    width, height = found["size_m"]
     name = f" ({found['name']})" if found["name"] else ""
     how = "were added by hand" if found["by_hand"] else "are contested"
     head = (
-        f"sub-map {found['submap']}{name} at ({x:.1f}, {y:.1f}), {width:.1f} x {height:.1f} m: "
+        f"sub-map {found['submap']}{name} at {point_for_people(*found['center_m'])}, {width:.1f} x {height:.1f} m: "
         f"{found['contested_cells']} of {found['cells']} cells {how}"
     )
-    parts = [_evidence_lines(found), _visit_lines(found), _state_lines(found), _object_lines(found)]
+    clock = _Clock(found["recordings"])
+    parts = [
+        [clock.legend],
+        _evidence_lines(found, clock),
+        _visit_lines(found, clock),
+        _state_lines(found, clock),
+        _object_lines(found),
+    ]
     return [head, *(line for part in parts if part for line in ["", *part])]
 
 
-def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
+def _evidence_lines(found: Mapping[str, Any], clock: _Clock) -> list[str]:
     """The windows that contradict one another."""
     evidence = found["evidence"]
     occupied, free = (_range(evidence[f"{what}_in_windows"]) for what in ("occupied", "free"))
@@ -56,8 +99,8 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
         )
     rows = [
         (
-            _time(window["start_s"]),
-            _time(window["end_s"]),
+            clock.named(window["start_s"]),
+            clock.at(window["end_s"], window["start_s"]),
             str(window["occupied_cells"]),
             str(window["free_cells"]),
             str(window["hits"]),
@@ -65,10 +108,13 @@ def _evidence_lines(found: Mapping[str, Any]) -> list[str]:
         )
         for window in evidence["windows"]
     ]
-    return [rule, *table(("window from", "to", "occupied cells", "free cells", "hits", "passed cells"), rows)]
+    return [
+        rule,
+        *table(("window from t", "to t", "occupied cells", "free cells", "hits", "passed cells"), rows),
+    ]
 
 
-def _visit_lines(found: Mapping[str, Any]) -> list[str]:
+def _visit_lines(found: Mapping[str, Any], clock: _Clock) -> list[str]:
     """Who saw what."""
     if not found["visits"]:
         return ["visits: none, the robot never came near"]
@@ -76,8 +122,8 @@ def _visit_lines(found: Mapping[str, Any]) -> list[str]:
         (
             str(visit["visit"]),
             visit["recording"],
-            _time(visit["enter_s"]),
-            _time(visit["leave_s"]),
+            clock.at(visit["enter_s"]),
+            clock.at(visit["leave_s"], visit["enter_s"]),
             "-" if visit["state"] is None else str(visit["state"]),
             "-" if visit["membership"] is None else f"{visit['membership']:.3f}",
             visit["remark"],
@@ -86,11 +132,11 @@ def _visit_lines(found: Mapping[str, Any]) -> list[str]:
     ]
     return [
         "visits",
-        *table(("visit", "recording", "enter", "leave", "state", "membership", "remark"), rows),
+        *table(("visit", "recording", "enter t", "leave t", "state", "membership", "remark"), rows),
     ]
 
 
-def _state_lines(found: Mapping[str, Any]) -> list[str]:
+def _state_lines(found: Mapping[str, Any], clock: _Clock) -> list[str]:
     """What the visits make."""
     if not found["states"]:
         return ["states: none, no visit saw enough"]
@@ -98,8 +144,8 @@ def _state_lines(found: Mapping[str, Any]) -> list[str]:
         (
             str(state["state"]),
             str(state["visits"]),
-            _time(state["first_s"]),
-            _time(state["last_s"]),
+            clock.named(state["first_s"]),
+            clock.named(state["last_s"]),
             str(state["occupied_cells"]),
             str(state["free_cells"]),
         )
@@ -107,7 +153,7 @@ def _state_lines(found: Mapping[str, Any]) -> list[str]:
     ]
     lines = [
         "states",
-        *table(("state", "visits", "first seen", "last seen", "occupied cells", "free cells"), rows),
+        *table(("state", "visits", "first seen t", "last seen t", "occupied cells", "free cells"), rows),
     ]
     if all(state["share_by_hour"] for state in found["states"]):
         hours = [[f"{share:.2f}" for share in state["share_by_hour"]] for state in found["states"]]
@@ -130,7 +176,7 @@ def _object_lines(found: Mapping[str, Any]) -> list[str]:
     rows = [
         (
             str(thing["object"]),
-            f"({thing['center_m'][0]:.1f}, {thing['center_m'][1]:.1f})",
+            point_for_people(*thing["center_m"]),
             *(str(thing[column]) for column in ("cells", "on", "off", "unknown")),
             "".join(_MARKS[state] for state in thing["visits"].values()),
         )
@@ -147,9 +193,8 @@ def _range(bounds: list[int]) -> str:
     return str(bounds[0]) if bounds[0] == bounds[1] else f"{bounds[0]} to {bounds[1]}"
 
 
-def _time(stamp_s: str) -> str:
-    """A stamp in seconds, for people."""
-    from dynmap_cli.domain.times import readable_time
+def _nanoseconds(stamp_s: str) -> int:
+    """A stamp as the file has it."""
     from dynmap_cli.files.trajectory import parse_stamp
 
-    return readable_time(parse_stamp(stamp_s))
+    return parse_stamp(stamp_s)

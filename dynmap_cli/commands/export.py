@@ -9,7 +9,7 @@ import click
 from dynmap_cli.commands.options import PATH, print_summary, reading_options
 
 
-@click.command("export")
+@click.command("export", short_help="Write a map for planners, in a chosen state.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.option(
     "--state",
@@ -23,7 +23,10 @@ from dynmap_cli.commands.options import PATH, print_summary, reading_options
 @click.option("--force", is_flag=True, help="Replace an exported map that is there.")
 @reading_options
 def command(run_dir: Path, state: str, out_dir: Path, force: bool, as_json: bool) -> None:
-    """Write map.yaml with a state of each sub-map of RUN painted in, and mask.yaml of all sub-maps."""
+    """Write map.yaml with a state of each sub-map of RUN painted in, and mask.yaml of all sub-maps.
+
+    Both are maps for map_server: the first for planners, the second for the costmap filters of nav2.
+    """
     from dynmap_cli.finished import export_map
     from dynmap_cli.planner.choice import parse_rule
 

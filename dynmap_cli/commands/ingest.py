@@ -10,7 +10,7 @@ from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_o
 from dynmap_cli.commands.piped import LogPath
 
 
-@click.command("ingest")
+@click.command("ingest", short_help="Read LOG into columns of scans (stage 1 of build).")
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option("-o", "--output", "run_dir", metavar="RUN", required=True, type=PATH, help="The run directory.")
 @click.option(

@@ -17,6 +17,7 @@ from dynmap_cli.commands.options import (
     shared_options,
     start_option,
 )
+from dynmap_cli.commands.order import check_no_run, check_order
 from dynmap_cli.commands.piped import LogPath
 
 
@@ -35,9 +36,16 @@ def _smooth_option(function: Function) -> Function:
     return wrapper
 
 
-@click.command("localize")
+@click.command("localize", short_help="Find the robot of LOG in the map of RUN.")
 @click.argument("paths", metavar="[RUN] LOG...", nargs=-1, required=True, type=LogPath())
-@click.option("-o", "--output", "out_dir", metavar="OUT", type=PATH, help="Default: RUN/localization/NAME.")
+@click.option(
+    "-o",
+    "--output",
+    "out_dir",
+    metavar="OUT",
+    type=PATH,
+    help="Where to write (default: RUN/localization/NAME, NAME as that of LOG).",
+)
 @click.option(
     "--map",
     "map_yaml",
@@ -55,7 +63,12 @@ def _smooth_option(function: Function) -> Function:
 def command(
     paths: tuple[Path, ...], out_dir: Path | None, map_yaml: Path | None, force: bool, shared: Shared
 ) -> None:
-    """Track pose and state of the world through LOG, in the maps of RUN or in --map."""
+    """Track pose and state of the world through LOG, in the maps of RUN or in --map.
+
+    Exit code 0 says that all results are written, not that they can be trusted: with --json,
+    `stages.localize.another_place` is true if LOG was not made in the place of the map; `tracking`, `changed` and
+    `lost` beside it are shares of its updates.
+    """
     from dynmap_cli.finished import localize
     from dynmap_cli.outdated import outdated_results
 
@@ -64,6 +77,10 @@ def command(
     if not recordings:
         msg = "give RUN and a recording: dynmap localize RUN LOG"
         raise click.UsageError(msg)
+    if run_dir is None:
+        check_no_run(recordings)
+    else:
+        check_order(run_dir, recordings)
     if out_dir is None:
         if run_dir is None:
             msg = "--map needs --output OUT"

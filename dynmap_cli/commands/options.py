@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import functools
 import json
 import logging
@@ -11,16 +10,15 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.plain_values import number_in
 from dynmap_cli.printable import for_people
+from dynmap_cli.standard_output import echo
 
 if TYPE_CHECKING:
     from dynmap_cli.config import Config, LoadedConfig
@@ -71,13 +69,28 @@ class Shared:
 def shared_options(function: Function) -> Function:
     """Add --config, --set, --seed, --threads, --json, -v and -q; the verb gets one `shared` argument."""
 
-    @click.option("--config", "config_path", type=PATH, help="YAML file with settings.")
     @click.option(
-        "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated."
+        "--config",
+        "config_path",
+        type=PATH,
+        help="YAML file with settings, or a parameter file of nav2 or AMCL.",
     )
-    @click.option("--seed", type=click.IntRange(0, MAX_SEED), help="Seed of everything random (default 0).")
     @click.option(
-        "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+        "--set",
+        "assignments",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="One setting, as map.resolution_m=0.1; may be repeated.",
+    )
+    @click.option(
+        "--seed", metavar="N", type=click.IntRange(0, MAX_SEED), help="Seed of everything random (default 0)."
+    )
+    @click.option(
+        "--threads",
+        metavar="N",
+        type=click.IntRange(0, MAX_THREADS),
+        default=0,
+        help="Threads to use; 0 = all cores.",
     )
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
@@ -127,7 +140,7 @@ def reading_options(function: Function) -> Function:
 def recording_options(function: Function) -> Function:
     """Add --scan-topic, --odom, --laser-pose, --mask-sector and --strict: settings of the section `ingest`."""
 
-    @click.option("--scan-topic", help="Topic of the laser scans (default: found on its own).")
+    @click.option("--scan-topic", help="Topic of the laser scans (default: the laser that sees most).")
     @click.option("--odom", help="Odometry: a topic, 'tf' or 'none' (default: found on its own).")
     @click.option(
         "--laser-pose", metavar="X,Y,YAW", help="Pose of the laser on the robot, metres and radians."
@@ -228,20 +241,6 @@ def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: boo
     print_summary(
         {"run": str(run_dir), "stages": summary, "outdated": outdated}, [*lines, *outdated], as_json=as_json
     )
-
-
-def echo(text: str) -> None:
-    """Write a result to stdout, all of it."""
-    try:
-        if sys.stdout is None:
-            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        click.echo(text, nl=False)
-    except OSError as err:
-        with suppress(OSError, AttributeError):
-            # What is still in the buffer would fail once more at the end of the process.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        msg = f"stdout: cannot be written ({err.strerror}). Choose another output or free the place."
-        raise ArtifactError(msg) from err
 
 
 def _as_json(value: Any) -> Any:

@@ -9,7 +9,7 @@ import click
 from dynmap_cli.commands.options import PATH, Shared, run_single_stage, shared_options
 
 
-@click.command("segment")
+@click.command("segment", short_help="Find the areas that change (stage 3 of build).")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.option("--force", is_flag=True, help="Run also when up to date.")
 @shared_options

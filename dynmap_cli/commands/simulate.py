@@ -9,7 +9,7 @@ import click
 from dynmap_cli.commands.options import PATH, Shared, print_summary, shared_options
 
 
-@click.command("simulate")
+@click.command("simulate", short_help="Make a recording with known truth.")
 @click.argument("scenario", metavar="SCENARIO.yaml", type=PATH)
 @click.option(
     "-o",
@@ -25,7 +25,8 @@ from dynmap_cli.commands.options import PATH, Shared, print_summary, shared_opti
 def command(scenario: Path, recording: Path, force: bool, shared: Shared) -> None:
     """Write the recording that the robot of SCENARIO would make, and what was really there.
 
-    --seed replaces the seed of the scenario. The same scenario and seed give the same bytes.
+    A scenario says which walls, doors, people and lasers there are: see configs/worlds in the clone. --seed replaces
+    the seed of the scenario. The same scenario and seed give the same bytes.
     """
     from dynmap_cli.simulation.stage import simulate_to_files
 

@@ -8,14 +8,19 @@ from pathlib import Path
 import click
 
 from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, reading_options
+from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
 
-@click.command("update")
+@click.command("update", short_help="Add LOG to the map of RUN.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
 @click.option(
-    "--threads", type=click.IntRange(0, MAX_THREADS), default=0, help="Threads to use; 0 = all cores."
+    "--threads",
+    metavar="N",
+    type=click.IntRange(0, MAX_THREADS),
+    default=0,
+    help="Threads to use; 0 = all cores.",
 )
 @reading_options
 def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: bool) -> None:
@@ -26,5 +31,6 @@ def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: 
     """
     from dynmap_cli.update import update
 
+    check_order(run_dir, recordings)
     results = update(run_dir, recordings, threads=threads or os.cpu_count() or 1)
     print_results(run_dir, results, as_json=as_json)

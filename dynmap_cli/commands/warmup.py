@@ -30,7 +30,7 @@ lasers: [{beams: 121, fov_deg: 240, max_range_m: 8, rate_hz: 3}]
 """
 
 
-@click.command("warmup")
+@click.command("warmup", short_help="Compile everything now, so that no command waits.")
 @shared_options
 def command(shared: Shared) -> None:
     """Compile all kernels now, on a small simulated recording, so that no later command has to wait.

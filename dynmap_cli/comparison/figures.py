@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.comparison.courses import Course
-from dynmap_cli.localization.state_tables import NEVER_MAPPED
+from dynmap_cli.domain.patches import NEVER_MAPPED
 from dynmap_cli.report.curves import COLOURS, as_png
 
 MOST_SUBMAPS = 8
@@ -18,14 +18,16 @@ _LEAST_M = 1e-3
 _PAUSE_S = 5.0
 
 
-def draw_courses(courses: Sequence[Course], *, with_truth: bool) -> bytes:
-    """Draw error (where there is truth), distance from the pose in the patch map, and spread, by time; a PNG."""
+def draw_courses(courses: Sequence[Course], first_ns: int, *, with_truth: bool) -> bytes:
+    """Draw error (where there is truth), distance from the pose in the patch map, and spread, by time; a PNG.
+
+    *first_ns* is the stamp of the first scan, t = 0.
+    """
     panels = ["spread of the particles, m", "away from the patch map, m"]
     if with_truth:
         panels.insert(0, "error of the particles, m")
     figure = Figure(figsize=(9.0, 0.6 + 2.3 * len(panels)), dpi=100, layout="constrained")
     grid = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
-    start_ns = min(int(course.stamps_ns[0]) for course in courses)
     for axes, panel in zip(grid, panels, strict=True):
         for number, course in reversed(list(enumerate(courses))):
             values = {
@@ -35,7 +37,7 @@ def draw_courses(courses: Sequence[Course], *, with_truth: bool) -> bytes:
             }[panel]
             if number == 0 and panel.startswith("away"):
                 continue
-            times = np.asarray((course.stamps_ns - start_ns) * 1e-9, dtype=np.float64)
+            times = np.asarray((course.stamps_ns - first_ns) * 1e-9, dtype=np.float64)
             seconds, shown = _with_gaps(times, np.maximum(values, _LEAST_M))
             axes.plot(
                 seconds,
@@ -45,17 +47,21 @@ def draw_courses(courses: Sequence[Course], *, with_truth: bool) -> bytes:
                 label=course.compared.name,
             )
         axes.set_yscale("log")
+        lowest, highest = axes.dataLim.intervaly
+        if np.isfinite([lowest, highest]).all():
+            axes.set_ylim(10.0 ** np.floor(np.log10(lowest)), 10.0 ** np.ceil(np.log10(highest * 1.01)))
         axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
         axes.set_ylabel(panel)
         axes.grid(visible=True, color="#e4e4e4")
-    grid[-1].set_xlabel("seconds from the start")
+    grid[-1].set_xlabel("t, seconds from the first scan")
     handles, labels = grid[0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside upper left", ncols=4, frameon=False)
     return as_png(figure)
 
 
-def draw_beliefs(course: Course, called: Mapping[int, str]) -> bytes:
-    """Draw the probability of each state over time, a panel per sub-map that was seen; a PNG.
+def draw_beliefs(course: Course, called: Mapping[int, str], first_ns: int) -> bytes:
+    """Draw the probability of each state over time, a panel per sub-map that was seen, of which there are some; a PNG.
 
     Parameters
     ----------
@@ -63,17 +69,18 @@ def draw_beliefs(course: Course, called: Mapping[int, str]) -> bytes:
         In the patch map.
     called : mapping of int to str
         Number and name of each sub-map, by its number.
+    first_ns : int
+        Stamp of the first scan, t = 0.
     """
     counts: dict[int, int] = {}
     for row in course.states:
         counts[row.submap_id] = counts.get(row.submap_id, 0) + 1
     shown = sorted(sorted(counts, key=lambda number: (-counts[number], number))[:MOST_SUBMAPS])
-    figure = Figure(figsize=(9.0, 0.8 + 1.6 * max(len(shown), 1)), dpi=100, layout="constrained")
-    grid = np.atleast_1d(figure.subplots(max(len(shown), 1), 1, sharex=True))
-    start_ns = int(course.stamps_ns[0])
-    for axes, number in zip(grid, shown, strict=False):
+    figure = Figure(figsize=(9.0, 0.8 + 1.6 * len(shown)), dpi=100, layout="constrained")
+    grid = np.atleast_1d(figure.subplots(len(shown), 1, sharex=True))
+    for axes, number in zip(grid, shown, strict=True):
         rows = [row for row in course.states if row.submap_id == number]
-        seconds = np.array([(row.stamp_ns - start_ns) * 1e-9 for row in rows])
+        seconds = np.array([(row.stamp_ns - first_ns) * 1e-9 for row in rows])
         for state, patch_id in enumerate(rows[0].patch_ids):
             spread, values = _with_gaps(seconds, np.array([row.belief[state] for row in rows]))
             label = "never mapped" if patch_id == NEVER_MAPPED else f"state {patch_id}"
@@ -85,9 +92,7 @@ def draw_beliefs(course: Course, called: Mapping[int, str]) -> bytes:
         axes.set_ylabel("probability")
         axes.grid(visible=True, color="#e4e4e4")
         axes.legend(loc="center right", fontsize=8)
-    if not shown:
-        grid[0].set_title("no sub-map came into view", loc="left")
-    grid[-1].set_xlabel("seconds from the start")
+    grid[-1].set_xlabel("t, seconds from the first scan")
     return as_png(figure)
 
 

@@ -39,7 +39,9 @@ OVER_TIME_HEADER = (
 )
 
 
-FILES = ("comparison.csv", "over_time.csv", "pose_error.png", "states.png")
+TABLES = ("comparison.csv", "over_time.csv")
+ERRORS_NAME, SPREAD_NAME, STATES_NAME = "pose_error.png", "spread.png", "states.png"
+"""Without truth there are no errors; without a sub-map in view there are no states."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,7 @@ def stage_of(truth_files: TruthFiles, most_states: int) -> Stage:
         section="localization",
         folder="",
         reads=("scans/", "map/", "patches/"),
-        writes=FILES,
+        writes=TABLES,
         run=lambda context: compare(context, truth_files, most_states),
         seeded=True,
     )
@@ -105,13 +107,16 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
         number: f"{number} ({name})" if name else str(number)
         for number, name in read_names(run_dir / "patches" / "patches.zip").items()
     }
-    contents = (
-        as_summary(courses).encode("ascii"),
-        as_table(courses).encode("ascii"),
-        draw_courses(courses, with_truth=truth is not None),
-        draw_beliefs(courses[0], called),
-    )
-    for name, content in zip(FILES, contents, strict=True):
+    first_ns = int(log.stamps_ns[0])
+    figure = draw_courses(courses, first_ns, with_truth=truth is not None)
+    contents = {
+        TABLES[0]: as_summary(courses).encode("ascii"),
+        TABLES[1]: as_table(courses).encode("ascii"),
+        SPREAD_NAME if truth is None else ERRORS_NAME: figure,
+    }
+    if courses[0].states:
+        contents[STATES_NAME] = draw_beliefs(courses[0], called, first_ns)
+    for name, content in contents.items():
         (context.out_dir / name).write_bytes(content)
     return {
         "maps": {course.compared.name: _plain(_numbers(course, courses[0])) for course in courses},
@@ -120,6 +125,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
         "lines": [
             f"start {start[0]:.2f}, {start[1]:.2f} m, {np.degrees(start[2]):.0f} degrees, {by}",
             *(_sentence(course, courses[0]) for course in courses),
+            *([] if courses[0].states else ["no sub-map came into view, so there is no states.png"]),
             *_left_out(left_out, log.n_drives),
         ],
     }

@@ -14,6 +14,10 @@ OCCUPIED_REFLECTANCE, FREE_REFLECTANCE = 0.2, 0.1
 """A cell of a state is occupied from the first on, and free below the second; between them it is neither."""
 VARYING_DIFFERENCE = 0.25
 """A cell varies if it is free in one state and its reflectance higher by more than this in another."""
+NEVER_MAPPED = -1
+"""Stands where the number of a patch does, for all states of a sub-map that no patch shows."""
+SURE = 0.8
+"""A state that is believed with this probability or more counts as seen; below it the state is undecided."""
 ON, OFF, UNKNOWN_STATE = "on", "off", "unknown"
 
 

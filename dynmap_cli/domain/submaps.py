@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from dynmap_cli.arrays import B1
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.points import point_for_people
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +89,17 @@ class SubMap:
 
     @property
     def center_m(self) -> tuple[float, float]:
-        """Middle of the rectangle in the map frame: x, y."""
+        """Middle of the rectangle in the map frame: x, y; to the micrometre, so that a file changes no digit of it."""
         frame = self.frame
         return (
-            frame.origin_x_m + 0.5 * frame.cols * frame.resolution_m,
-            frame.origin_y_m + 0.5 * frame.rows * frame.resolution_m,
+            round(frame.origin_x_m + 0.5 * frame.cols * frame.resolution_m, 6),
+            round(frame.origin_y_m + 0.5 * frame.rows * frame.resolution_m, 6),
         )
+
+    @property
+    def place(self) -> str:
+        """Its middle for people, metres: wherever it is named it is named so."""
+        return point_for_people(*self.center_m)
 
     @property
     def size_m(self) -> tuple[float, float]:

@@ -5,14 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError, ConfigError
 from dynmap_cli.files.atomic import replacing
 from dynmap_cli.files.damage import refusing_damage
 from dynmap_cli.files.manifest import manifest_path, read_manifest
 from dynmap_cli.files.patch_archive import read_patches, read_visits
-from dynmap_cli.files.registered import read_registered
+from dynmap_cli.files.registered import TRAJECTORY, read_registered
 from dynmap_cli.files.submaps import read_submaps
+from dynmap_cli.files.trajectory import format_stamp, read_tum
 from dynmap_cli.history.timeline import History, as_csv, describe, histories_of
 from dynmap_cli.segmentation.settings import SegmentationSettings
 
@@ -34,14 +38,14 @@ def write_timeline(run_dir: Path, out_dir: Path) -> dict[str, Any]:
     submaps = read_submaps(run_dir / "submaps")
     archive = run_dir / "patches" / "patches.zip"
     visits = read_visits(archive)
+    first_ns = int(read_tum(run_dir / "map" / TRAJECTORY).stamps_ns[0])
     stay = {patch_set.submap_id: patch_set.stay_probability for patch_set in read_patches(archive)}
     histories = histories_of(submaps, visits, stay)
     with replacing(out_dir / TABLE_NAME) as part:
         part.write_bytes(as_csv(visits))
     with replacing(out_dir / FIGURE_NAME) as part:
-        part.write_bytes(draw_visits(visits, submaps))
-    places = [f"({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f})" for submap in submaps]
-    lines = [describe(history, place) for history, place in zip(histories, places, strict=True)]
+        part.write_bytes(draw_visits(visits, submaps, first_ns))
+    lines = [describe(history, submap.place) for history, submap in zip(histories, submaps, strict=True)]
     return {
         "visits": len(visits),
         "submaps": [
@@ -74,8 +78,19 @@ def explain(run_dir: Path, submap_id: int) -> dict[str, Any]:
     log, trajectory = read_registered(run_dir / "scans", run_dir / "map")
     evidence = evidence_of(log, trajectory.poses, submap, settings.window_s, evidence_params(settings))
     found = explanation_of(submap, evidence, visits, patch_sets.get(submap_id))
+    found["recordings"] = _recordings_of(log)
     found["evidence"].update(window_s=settings.window_s, windows_needed=windows_needed)
     return found
+
+
+def _recordings_of(log: ScanLog) -> list[dict[str, str]]:
+    """Names of the recordings and the stamps of their first scans, in time order."""
+    indices, firsts = np.unique(log.recording_index, return_index=True)
+    by_time = sorted(zip(firsts.tolist(), indices.tolist(), strict=True))
+    return [
+        {"name": log.recordings[index], "start_s": format_stamp(int(log.stamps_ns[first]))}
+        for first, index in by_time
+    ]
 
 
 def _submap_of(run_dir: Path, submap_id: int) -> SubMap:

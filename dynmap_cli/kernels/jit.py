@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -39,3 +40,25 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
         "Callable[P, R]",
         numba.njit(cache=CACHE, nogil=True, error_model="numpy")(function),
     )
+
+
+class _FirstCompilation(event.Listener):
+    """Calls a function before the first kernel that has to be compiled; those from the cache do not count."""
+
+    def __init__(self, function: Callable[[], None]) -> None:
+        self._function: Callable[[], None] | None = function
+
+    def on_start(self, event: Any) -> None:
+        """Call it the first time."""
+        function, self._function = self._function, None
+        if function is not None:
+            function()
+
+    def on_end(self, event: Any) -> None:
+        """Leave the end of a compilation as it is."""
+
+
+def before_first_compilation(function: Callable[[], None]) -> None:
+    """Have a function called once in this process, when a kernel is compiled."""
+    events: Any = event
+    events.register("numba:compile", _FirstCompilation(function))

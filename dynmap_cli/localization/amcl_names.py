@@ -75,37 +75,31 @@ def is_amcl_name(name: str) -> bool:
     return _ROS_1.get(name, name) in TAKEN or _ROS_1.get(name, name) in NOT_TAKEN
 
 
-_NODES = ("amcl", "/amcl", "/**/amcl", "/**")
-"""How a parameter file names the node; `/**` = any."""
+_AMCL, _ANY = "amcl", "**"
+"""How a parameter file names the node behind its namespace; `**` = any node."""
 
 
 def amcl_parameters(content: Mapping[str, Any]) -> dict[str, Any] | None:
     """The parameters of AMCL in a parameter file of nav2 or of ROS 1, None if the file is none.
 
-    A nav2 file has `amcl: ros__parameters:`, or `/**:` for any node, in some files below a namespace; in ROS 1
-    the parameters stand below `amcl:` or alone.
+    A nav2 file has `amcl: ros__parameters:`, or `/**:` for any node, in some files below a namespace or with the
+    namespace in the name, as `robot1/amcl:`; in ROS 1 the parameters stand below `amcl:` or alone.
 
     Raises
     ------
     ValueError
-        If two robots have such a node, the node has no parameters, or the file is one of other nodes only.
+        If there are several such nodes, the node has no parameters, or the file is one of other nodes only.
     """
-    below = [
-        value
-        for value in content.values()
-        if isinstance(value, dict) and any(name in value for name in _NODES)
-    ]
-    if len(below) > 1:
-        msg = f"{len(below)} nodes of AMCL, below different names; keep those of one robot"
+    nodes = _nodes(content, _AMCL) or _nodes(content, _ANY)
+    if len(nodes) > 1:
+        msg = f"{len(nodes)} nodes of AMCL: {', '.join(nodes)}; keep that of one robot"
         raise ValueError(msg)
-    for level in (content, *(value for value in content.values() if isinstance(value, dict))):
-        node = next((level[name] for name in _NODES if name in level), None)
-        if any(name in level for name in _NODES):
-            inner = node.get("ros__parameters", node) if isinstance(node, dict) else node
-            if not isinstance(inner, dict):
-                msg = f"the node of AMCL has no 'key: value' parameters but {str(inner)[:40]!r}"
-                raise ValueError(msg)
-            return dict(inner)
+    for name, node in nodes.items():
+        inner = node.get("ros__parameters", node) if isinstance(node, dict) else node
+        if not isinstance(inner, dict):
+            msg = f"the node of AMCL, {name}, has no 'key: value' parameters but {str(inner)[:40]!r}"
+            raise ValueError(msg)
+        return dict(inner)
     if content and all(isinstance(name, str) for name in content) and any(map(is_amcl_name, content)):
         return dict(content)
     others = [str(name) for name, value in content.items() if _has_parameters(value)]
@@ -116,6 +110,20 @@ def amcl_parameters(content: Mapping[str, Any]) -> dict[str, Any] | None:
         )
         raise ValueError(msg)
     return None
+
+
+def _nodes(content: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The nodes of this name by their full name, at the top and below one namespace."""
+    found = {str(key): value for key, value in content.items() if _last(key) == name}
+    for space, inner in content.items():
+        if str(space) not in found and isinstance(inner, dict):
+            found.update({f"{space}/{key}": value for key, value in inner.items() if _last(key) == name})
+    return found
+
+
+def _last(key: object) -> str:
+    """The name of a node without its namespace."""
+    return str(key).rpartition("/")[2]
 
 
 def _has_parameters(value: object) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 Coordinate = Annotated[float, Field(ge=-1e7, le=1e7)]
 Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
@@ -110,6 +110,15 @@ class LocalizationSettings(BaseModel):
         False, description="Look back over the whole recording, and write smoothed poses and states as well."
     )
     save_particles: bool = Field(False, description="Write the particles of every update to particles.npz.")
+
+    @field_validator("states", mode="before")
+    @classmethod
+    def _name_of_before(cls, value: object) -> object:
+        """Say what does now what a value of before did."""
+        if value == "objects":
+            msg = "`belief` replaces it"
+            raise ValueError(msg)
+        return value
 
     @model_validator(mode="after")
     def _at_most_is_not_less_than_at_least(self) -> Self:

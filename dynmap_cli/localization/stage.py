@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.beam_model import with_beam_model
-from dynmap_cli.localization.changes import is_another_place
 from dynmap_cli.localization.found import HealthRow
 from dynmap_cli.localization.global_start import LEAST_RETURNS
 from dynmap_cli.localization.map_pool import make_map_pool
@@ -77,14 +76,15 @@ def run(context: StageContext) -> dict[str, Any]:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, believed, _names(context))
     warnings += [*found.warnings, *_warn_of_gaps(log, found.health, settings)]
-    warnings += _warn_of_losses(summary["lost"], found.health)
+    warnings += _warn_of_losses(summary, found.health)
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
 
 
-def _warn_of_losses(lost_share: float, rows: Sequence[HealthRow]) -> list[str]:
+def _warn_of_losses(summary: Mapping[str, Any], rows: Sequence[HealthRow]) -> list[str]:
     """A robot that is lost for much of a recording is probably somewhere else."""
-    if is_another_place(rows):
+    lost_share = summary["lost"]
+    if summary["another_place"]:
         return [
             "this is not the place of the map: many of the scans contradict it wherever the robot is put; "
             "do not trust states and poses"

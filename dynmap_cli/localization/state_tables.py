@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from dynmap_cli.arrays import F64, I64
-from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.patches import NEVER_MAPPED, PatchSet
 from dynmap_cli.localization.combinations import on_in_patches
 from dynmap_cli.localization.found import StateRow
 from dynmap_cli.localization.map_pool import MapPool
@@ -17,8 +17,6 @@ from dynmap_cli.localization.parts import Part
 from dynmap_cli.localization.priors import prior_at
 from dynmap_cli.localization.transitions import predict_belief
 
-NEVER_MAPPED = -1
-"""Stands where the number of a patch does, for all states of a sub-map that no patch shows."""
 _LEAST = 1e-12
 
 

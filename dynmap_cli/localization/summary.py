@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from dynmap_cli.domain.patches import NEVER_MAPPED, SURE
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.localization.changes import changed_line
+from dynmap_cli.localization.changes import changed_line, is_another_place
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.state_tables import NEVER_MAPPED, PatchBelief
+from dynmap_cli.localization.state_tables import PatchBelief
 
 VERDICTS = ("tracking", "changed", "lost")
-SURE = 0.8
-"""A state counts as seen when its probability reaches this."""
 
 
 def summarize(
@@ -59,6 +58,7 @@ def summarize(
         "updates": len(found.health),
         "path_m": round(found.trajectory.length_m(), 3),
         **{verdict: round(share, 4) for verdict, share in shares.items()},
+        "another_place": is_another_place(found.health),
         "searches": len(found.searches),
         "submaps_seen": len(by_submap),
         "lines": lines,
@@ -92,12 +92,20 @@ def _history(rows: Sequence[PatchBelief], first_ns: int) -> str:
         state = int(np.argmax(row.belief))
         if state == current or row.belief[state] < SURE:
             continue
-        name = row.description if row.patch_ids[state] == NEVER_MAPPED else str(row.patch_ids[state])
         if current is None:
-            words.append(f"state {name}")
+            words.append(f"state {_state(row, state)}")
         else:
-            words.append(f"-> {name}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
+            words.append(f"-> {_state(row, state)}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
         current = state
-    if current is None:
-        return "seen, its state stayed open"
-    return " ".join(words) + f" ({rows[-1].belief.max():.2f})"
+    last = rows[-1]
+    likeliest = int(np.argmax(last.belief))
+    probability = f"({last.belief[likeliest]:.2f})"
+    if last.belief[likeliest] >= SURE:
+        return f"{' '.join(words)} {probability}"
+    in_the_end = f"undecided, likeliest state {_state(last, likeliest)} {probability}"
+    return f"{' '.join(words)}; in the end {in_the_end}" if words else f"seen, its state stayed {in_the_end}"
+
+
+def _state(row: PatchBelief, state: int) -> str:
+    """What a state is called: its number, or the combination of objects that is nearest to one never mapped."""
+    return row.description if row.patch_ids[state] == NEVER_MAPPED else str(row.patch_ids[state])

@@ -9,6 +9,7 @@ from typing import Any
 from dynmap_cli.arrays import I8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet, Visit
+from dynmap_cli.domain.points import point_for_people
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.domain.times import readable_time
 from dynmap_cli.errors import ArtifactError, ConfigError
@@ -114,9 +115,8 @@ def _row(submap: SubMap, choice: Choice, changed: int) -> dict[str, Any]:
 
 def _line(row: dict[str, Any]) -> str:
     """The same as a sentence."""
-    x, y = row["center_m"]
     name = f" ({row['name']})" if row["name"] else ""
-    head = f"sub-map {row['submap']}{name} at ({x:.1f}, {y:.1f}): "
+    head = f"sub-map {row['submap']}{name} at {point_for_people(*row['center_m'])}: "
     if not row["states"]:
         return f"{head}{row['why']}; the mean map stays"
     names = ", ".join(map(str, row["states"]))

@@ -12,9 +12,10 @@ from PIL import Image, ImageDraw
 from dynmap_cli.arrays import B1, F32, U8
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.report.curves import as_png
-from dynmap_cli.report.pictures import CHANGING, FULL_REFLECTANCE, INK, PAPER, UNSEEN, font_of
+from dynmap_cli.report.ink import CHANGING, INK, PAPER, UNSEEN, font_of
+from dynmap_cli.report.pictures import FULL_REFLECTANCE
 
-_TILE_PIXELS, _MOST_ZOOM, _GAP, _LABEL_WIDTH, _CURVE = 80, 10, 8, 180, (3.2, 2.4)
+_TILE_PIXELS, _MOST_ZOOM, _GAP, _LABEL_WIDTH, _CURVE = 80, 10, 8, 190, (3.4, 2.5)
 _PALE = 0.3
 
 
@@ -41,7 +42,8 @@ def draw_clusters(patch_set: PatchSet, rounds: Sequence[F32]) -> Image.Image:
     varying = ~np.isnan(rounds[0][0])
     for number, (means, score) in enumerate(zip(rounds, patch_set.bic, strict=True)):
         top = _GAP + number * step_y
-        label = f"round {number + 1}: BIC {score:.1f}" + (", largest" if number == best else "")
+        tried = f"{number + 1} state{'s' * (number > 0)} tried"
+        label = f"{tried}: BIC {score:.1f}" + (", best" if number == best else "")
         ink = CHANGING if number == best else INK
         pen.text((curve.width + _GAP, top), label, fill=ink, font=font_of(12))
         for k, mean in enumerate(means):
@@ -64,14 +66,15 @@ def _tile(mean: F32, varying: B1, patch_set: PatchSet) -> U8:
 
 
 def _curve(bic: Sequence[float], best: int) -> bytes:
-    """BIC by round; a PNG."""
+    """BIC by the number of states that were tried; a PNG."""
     figure = Figure(figsize=_CURVE, dpi=100, layout="constrained")
     axes = figure.subplots()
     numbers = np.arange(1, len(bic) + 1)
     axes.plot(numbers, bic, "o-", color="#2a6fb5")
     axes.plot(numbers[best], bic[best], "o", color="#be3c14", markersize=9, zorder=3)
-    axes.set_xlabel("round")
-    axes.set_ylabel("BIC")
+    axes.set_title("the largest BIC is chosen", fontsize=9)
+    axes.set_xlabel("states tried, one more in each round")
+    axes.set_ylabel("BIC (larger: better)")
     axes.set_xticks(numbers)
     axes.grid(visible=True, color="#e4e4e4")
     return as_png(figure)

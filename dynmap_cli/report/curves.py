@@ -53,14 +53,21 @@ def draw_rounds(rows: Sequence[RoundRow]) -> bytes:
     return as_png(figure)
 
 
-def draw_visits(visits: Sequence[Visit], submaps: Sequence[SubMap]) -> bytes:
+def draw_visits(visits: Sequence[Visit], submaps: Sequence[SubMap], first_ns: int) -> bytes:
     """Draw a row per sub-map and a bar per visit, coloured by the state it saw, grey where it stayed open; a PNG.
 
     A thin line joins visits that saw the same state, with no other between them. Pauses in which no sub-map was
     visited are cut out.
+
+    Parameters
+    ----------
+    visits : sequence of Visit
+    submaps : sequence of SubMap
+    first_ns : int
+        Stamp of the first scan, t = 0.
     """
     numbers = sorted({visit.submap_id for visit in visits})
-    clock = _Clock(visits)
+    clock = _Clock(visits, first_ns)
     figure = Figure(figsize=(8.0, 1.6 + 0.28 * len(numbers)), dpi=100, layout="constrained")
     axes = figure.subplots()
     if not visits:
@@ -98,10 +105,10 @@ def draw_visits(visits: Sequence[Visit], submaps: Sequence[SubMap]) -> bytes:
 
 
 class _Clock:
-    """Seconds of the figure: those from the first visit, without the pauses in which no sub-map was visited."""
+    """Seconds of the figure: those from the first scan, without the pauses in which no sub-map was visited."""
 
-    def __init__(self, visits: Sequence[Visit]) -> None:
-        spans = sorted((visit.start_ns, visit.end_ns) for visit in visits)
+    def __init__(self, visits: Sequence[Visit], first_ns: int) -> None:
+        spans = sorted([(first_ns, first_ns), *((visit.start_ns, visit.end_ns) for visit in visits)])
         self._starts, self._ends = [start for start, _ in spans[:1]], [end for _, end in spans[:1]]
         for start, end in spans[1:]:
             if start - self._ends[-1] > _PAUSE_NS:
@@ -116,7 +123,7 @@ class _Clock:
         self.label = (
             f"pauses of over {_PAUSE_NS // (60 * 10**9)} min are cut out"
             if self.cuts
-            else "seconds from the first visit"
+            else "t, seconds from the first scan"
         )
 
     def at(self, stamp_ns: int) -> float:

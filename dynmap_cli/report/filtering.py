@@ -12,7 +12,8 @@ from scipy import ndimage
 
 from dynmap_cli.arrays import F64, I8
 from dynmap_cli.domain.grid import OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
-from dynmap_cli.report.pictures import INK, MapPicture, font_of
+from dynmap_cli.report.ink import INK, font_of
+from dynmap_cli.report.pictures import MapPicture
 
 _PANEL_PIXELS, _GAP_PIXELS, _TITLE_PIXELS = (850, 1200), 12, 24
 _NEAR = np.ones((3, 3), dtype=bool)

@@ -14,17 +14,19 @@ from PIL import Image, ImageDraw
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
-from dynmap_cli.domain.patches import PatchSet
+from dynmap_cli.domain.patches import NEVER_MAPPED, SURE, PatchSet
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.files.trajectory import parse_stamp, read_tum
-from dynmap_cli.report.pictures import INK, PAPER, MapPicture, font_of
+from dynmap_cli.report.ink import INK, PAPER
+from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
+from dynmap_cli.report.pictures import MapPicture
 
 NAME = "localization.png"
 COLOURS = {"tracking": (40, 110, 200), "changed": (240, 128, 16), "lost": (200, 20, 50)}
-_START, _SUBMAP, _NEVER_SEEN = (30, 140, 70), (122, 95, 176), (150, 150, 150)
+_START, _SUBMAP, _NEVER_SEEN = (30, 140, 70), (122, 95, 176), (120, 120, 120)
 _JUMP_M = 1.0
 """No line is drawn between consecutive scans further apart: the robot was found elsewhere."""
-_RADIUS, _LEGEND_PIXELS, _GAP = 7, 24, 18
+_RADIUS = 7
 _MARGIN_M = 1.0
 
 
@@ -39,21 +41,24 @@ class SeenSubMap:
         Its number, and its name where it has one.
     patch : int or None
         The likeliest state at the last look; None where it never came into view.
+    state : str
+        What this state is called: its number, or the combination of objects that is nearest to it.
     probability : float
     """
 
     patch_set: PatchSet
     called: str
-    patch: int | None
-    probability: float
+    patch: int | None = None
+    state: str = ""
+    probability: float = 0.0
 
     @property
     def label(self) -> str:
         """What stands beside it."""
         if self.patch is None:
             return f"{self.called}: {'not seen' if len(self.patch_set.patches) > 1 else 'one state is known'}"
-        name = "never mapped" if self.patch < 0 else f"state {self.patch}"
-        return f"{self.called}: {name} ({self.probability:.2f})"
+        doubt = "undecided, " if self.probability < SURE else ""
+        return f"{self.called}: {doubt}state {self.state} ({self.probability:.2f})"
 
 
 def draw_localized(
@@ -77,7 +82,7 @@ def draw_localized(
     for one in patch_sets:
         name = names.get(one.submap_id, "")
         called = f"{one.submap_id} ({name})" if name else str(one.submap_id)
-        submaps.append(SeenSubMap(one, called, *believed.get(one.submap_id, (None, 0.0))))
+        submaps.append(SeenSubMap(one, called, *believed.get(one.submap_id, ())))
     verdicts = _verdicts(folder / "health.csv", trajectory)
     shown = _without_edges(_as_believed(grid, submaps), trajectory.poses[:, :2])
     return _LocalizationPicture(shown).draw_path(trajectory, verdicts, submaps)
@@ -123,40 +128,34 @@ class _LocalizationPicture(MapPicture):
     def draw_path(
         self, trajectory: Trajectory, verdicts: Sequence[str], submaps: Sequence[SeenSubMap]
     ) -> Image.Image:
-        """Put sub-maps, path, start and a legend on the map."""
+        """Put sub-maps, path, start, words and a legend on the map."""
         image = Image.fromarray(self._pixels.copy())
         pen = ImageDraw.Draw(image)
-        for submap in submaps:
-            self._draw_seen(pen, submap)
         spots = self._to_pixels(trajectory.poses[:, :2])
         steps_m = np.linalg.norm(np.diff(trajectory.poses[:, :2], axis=0), axis=1)
         for verdict, colour in COLOURS.items():
             for line in _lines(verdicts, verdict, steps_m):
                 pen.line([tuple(spot) for spot in spots[line].tolist()], fill=colour, width=3)
-        if spots.shape[0]:
-            self._mark_start(pen, spots[0])
-        return _above_legend(self._above_scale(image), [v for v in COLOURS if v in verdicts])
+        labels = [Label("start", _mark_start(pen, spots[0]), _START)] if spots.shape[0] else []
+        for submap in submaps:
+            colour = _NEVER_SEEN if submap.patch is None else _SUBMAP
+            labels.append(Label(submap.label, self._draw_box(pen, submap.patch_set.frame, colour), colour))
+        draw_labels(image, labels)
+        words = [
+            ("path:", INK),
+            *((verdict, colour) for verdict, colour in COLOURS.items() if verdict in verdicts),
+        ]
+        if any(submap.patch is not None for submap in submaps):
+            words.append(("sub-map: state believed last (probability)", _SUBMAP))
+        return above_legend(self._above_scale(image), words)
 
-    def _draw_seen(self, pen: ImageDraw.ImageDraw, submap: SeenSubMap) -> None:
-        """Draw the rectangle of a sub-map and what was believed."""
-        frame = submap.patch_set.frame
-        low = np.array([frame.origin_x_m, frame.origin_y_m])
-        size_m = np.array([frame.cols, frame.rows]) * frame.resolution_m
-        (left, bottom), (right, top) = self._to_pixels(np.array([low, low + size_m])).tolist()
-        colour = _NEVER_SEEN if submap.patch is None else _SUBMAP
-        pen.rectangle((left, top, right, bottom), outline=colour, width=2)
-        font = font_of(16)
-        x = min(right + 4, self._pixels.shape[1] - font.getlength(submap.label) - 2)
-        place = (max(x, 2), max(top - 2, 0))
-        pen.rectangle(pen.textbbox(place, submap.label, font=font), fill=PAPER)
-        pen.text(place, submap.label, fill=colour, font=font)
 
-    @staticmethod
-    def _mark_start(pen: ImageDraw.ImageDraw, spot: F64) -> None:
-        """Draw a disc with its name where the robot was at the first scan."""
-        x, y = spot.tolist()
-        pen.ellipse((x - _RADIUS, y - _RADIUS, x + _RADIUS, y + _RADIUS), fill=_START, outline=PAPER, width=2)
-        pen.text((x + _RADIUS + 3, y + 2), "start", fill=_START, font=font_of(16))
+def _mark_start(pen: ImageDraw.ImageDraw, spot: F64) -> Box:
+    """Draw a disc where the robot was at the first scan; give back its box."""
+    x, y = spot.tolist()
+    box = (x - _RADIUS, y - _RADIUS, x + _RADIUS, y + _RADIUS)
+    pen.ellipse(box, fill=_START, outline=PAPER, width=2)
+    return box
 
 
 def _lines(verdicts: Sequence[str], verdict: str, steps_m: F64) -> list[slice]:
@@ -174,20 +173,6 @@ def _lines(verdicts: Sequence[str], verdict: str, steps_m: F64) -> list[slice]:
     return lines
 
 
-def _above_legend(image: Image.Image, verdicts: Sequence[str]) -> Image.Image:
-    """Put the colours of the path below the picture."""
-    font = font_of(14)
-    words = ["path:", *verdicts]
-    width = sum(font.getlength(word) + _GAP for word in words) + _GAP
-    sheet = Image.new("RGB", (max(image.width, math.ceil(width)), image.height + _LEGEND_PIXELS), PAPER)
-    sheet.paste(image, (0, 0))
-    pen, x, y = ImageDraw.Draw(sheet), 2.0, image.height + _LEGEND_PIXELS // 2
-    for word in words:
-        pen.text((x, y), word, fill=COLOURS.get(word, INK), font=font, anchor="lm")
-        x += font.getlength(word) + _GAP
-    return sheet
-
-
 def _verdicts(path: Path, trajectory: Trajectory) -> list[str]:
     """Of each scan: that of the update before it, or of the first."""
     rows = [(parse_stamp(row["stamp_s"]), row["verdict"]) for row in _rows(path)]
@@ -198,16 +183,18 @@ def _verdicts(path: Path, trajectory: Trajectory) -> list[str]:
     ]
 
 
-def _believed_last(path: Path) -> dict[int, tuple[int, float]]:
-    """Likeliest patch and its probability at the last look, by sub-map."""
+def _believed_last(path: Path) -> dict[int, tuple[int, str, float]]:
+    """Likeliest patch at the last look, what it is called and its probability, by sub-map."""
     last: dict[int, int] = {}
-    best: dict[int, tuple[int, float]] = {}
+    best: dict[int, tuple[int, str, float]] = {}
     for row in _rows(path):
         submap, stamp = int(row["submap"]), parse_stamp(row["stamp_s"])
         if last.get(submap) != stamp:
-            last[submap], best[submap] = stamp, (-1, -1.0)
-        if float(row["probability"]) > best[submap][1]:
-            best[submap] = (int(row["patch"]), float(row["probability"]))
+            last[submap], best[submap] = stamp, (NEVER_MAPPED, "", -1.0)
+        patch, probability = int(row["patch"]), float(row["probability"])
+        if probability > best[submap][2]:
+            state = row["nearest"] if patch == NEVER_MAPPED else str(patch)
+            best[submap] = (patch, state, probability)
     return best
 
 

@@ -13,21 +13,14 @@ from dynmap_cli.arrays import F32, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
-from dynmap_cli.report.pictures import (
-    FULL_REFLECTANCE,
-    INK,
-    PAPER,
-    UNSEEN,
-    font_of,
-    largest_of_blocks,
-    state_tile,
-)
+from dynmap_cli.report.ink import INK, PAPER, UNSEEN, font_of
+from dynmap_cli.report.pictures import FULL_REFLECTANCE, largest_of_blocks, state_tile
 
 _TILE_EDGE = (176, 176, 176)
 _COLOURS = ((42, 111, 181), (217, 130, 43), (58, 154, 91), (176, 58, 107), (122, 95, 176), (138, 109, 59))
 _MAP_WIDTH, _MAP_HEIGHT, _SHEET_HEIGHT = 900, 1200, 1500
 _LARGEST_TILE, _SMALLEST_TILE, _MOST_ZOOM = 120, 24, 12
-_GAP, _TEXT, _NUMBER, _LEADER, _MOST_PER_ROW = 6, 16, 14, 60, 4
+_GAP, _TEXT, _NUMBER, _LEADER, _MOST_PER_ROW, _FONT = 6, 18, 17, 60, 4, 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +45,11 @@ class _Group:
         return _COLOURS[self.submap.submap_id % len(_COLOURS)]
 
     @property
+    def title(self) -> str:
+        """What stands above its states."""
+        return f"sub-map {self.submap.called}"
+
+    @property
     def zoom(self) -> int:
         """Pixels per cell."""
         return max(1, min(_MOST_ZOOM, self.tile_pixels // max(self.submap.frame.shape)))
@@ -63,7 +61,7 @@ class _Group:
         per_row = min(len(self.patch_set.patches), _MOST_PER_ROW)
         n_rows = math.ceil(len(self.patch_set.patches) / _MOST_PER_ROW)
         width = _GAP + per_row * (cols * self.zoom + _GAP)
-        label = math.ceil(font_of(12).getlength(self.submap.called)) + 2 * _GAP
+        label = math.ceil(font_of(_FONT).getlength(self.title)) + 2 * _GAP
         return max(width, label), _TEXT + _GAP + n_rows * (rows * self.zoom + _NUMBER + _GAP)
 
     def draw(self) -> Image.Image:
@@ -71,7 +69,7 @@ class _Group:
         rows, cols = self.submap.frame.shape
         sheet = Image.new("RGB", self.size, PAPER)
         pen = ImageDraw.Draw(sheet)
-        pen.text((_GAP, 3), self.submap.called, fill=self.colour, font=font_of(12))
+        pen.text((_GAP, 3), self.title, fill=self.colour, font=font_of(_FONT))
         for number, patch in enumerate(self.patch_set.patches):
             left = _GAP + number % _MOST_PER_ROW * (cols * self.zoom + _GAP)
             top = _TEXT + _GAP + number // _MOST_PER_ROW * (rows * self.zoom + _NUMBER + _GAP)
@@ -80,7 +78,7 @@ class _Group:
             box = (left - 1, top - 1, left + cols * self.zoom, top + rows * self.zoom)
             pen.rectangle(box, outline=_TILE_EDGE)
             place = (left + cols * self.zoom // 2, box[3] + 2)
-            pen.text(place, str(patch.patch_id), fill=INK, font=font_of(11), anchor="mt")
+            pen.text(place, str(patch.patch_id), fill=INK, font=font_of(_FONT), anchor="mt")
         pen.rectangle((0, 0, sheet.width - 1, sheet.height - 1), outline=self.colour, width=2)
         return sheet
 

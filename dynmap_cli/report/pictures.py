@@ -7,18 +7,20 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from dynmap_cli.arrays import F32, F64, I8, U8
-from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.report.ink import CHANGING, INK, MOVED, PAPER, PATH, SUBMAP, UNSEEN, font_of, font_pixels
+from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
 
-INK, PAPER, UNSEEN = (32, 32, 32), (255, 255, 255), (216, 216, 214)
-_MOVED, _PATH, _SUBMAP, CHANGING = (240, 128, 16), (40, 110, 200), (200, 20, 50), (190, 60, 20)
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
-_SCALE_PIXELS = 24
+_SCALE_PIXELS = 36
+_FEW, _FEW_PIXELS = 500, 4
+"""So few removed beams are drawn larger, or nobody finds them on a large map."""
 Cells = TypeVar("Cells", F32, I8)
 FULL_REFLECTANCE = 0.5
 """What reflects so much, or more, is drawn in full colour."""
@@ -57,17 +59,25 @@ class MapPicture:
         pixels = self._pixels.copy()
         height, width = pixels.shape[:2]
         spots = np.floor(self._to_pixels(removed_m)).astype(np.int64)
-        for step_x, step_y in ((0, 0), (1, 0), (0, 1), (1, 1))[: 1 if self._zoom == 1 else 4]:
-            x, y = spots[:, 0] + step_x, spots[:, 1] + step_y
+        side = _FEW_PIXELS if len(spots) <= _FEW else min(self._zoom, 2)
+        for step_x, step_y in np.ndindex(side, side):
+            x, y = spots[:, 0] + step_x - side // 2, spots[:, 1] + step_y - side // 2
             inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            pixels[y[inside], x[inside]] = _MOVED
+            pixels[y[inside], x[inside]] = MOVED
         image = Image.fromarray(pixels)
         pen = ImageDraw.Draw(image)
         for path_m in paths_m:
-            pen.line([tuple(point) for point in self._to_pixels(path_m).tolist()], fill=_PATH, width=2)
-        for submap in submaps:
-            self._draw_submap(pen, submap)
-        return self._above_scale(image)
+            pen.line([tuple(point) for point in self._to_pixels(path_m).tolist()], fill=PATH, width=2)
+        boxes = [self._draw_box(pen, submap.frame, SUBMAP) for submap in submaps]
+        draw_labels(
+            image,
+            [Label(submap.called, box, SUBMAP) for submap, box in zip(submaps, boxes, strict=True)],
+        )
+        words = [("removed beams", MOVED)] if removed_m.size else []
+        words += [("path", PATH)] if paths_m else []
+        words += [("sub-maps, with their numbers", SUBMAP)] if submaps else []
+        scaled = self._above_scale(image)
+        return above_legend(scaled, words) if paths_m else scaled
 
     def _to_pixels(self, points_m: F64) -> F64:
         """Points of the map frame in the picture, whose first row is on top."""
@@ -75,20 +85,21 @@ class MapPicture:
         y = self._pixels.shape[0] - (points_m[:, 1] - self._frame.origin_y_m) * self._pixels_per_m
         return np.column_stack([x, y])
 
-    def _draw_submap(self, pen: ImageDraw.ImageDraw, submap: SubMap) -> None:
-        """Draw a rectangle with the number of the sub-map beside its upper right corner."""
-        frame = submap.frame
+    def _draw_box(self, pen: ImageDraw.ImageDraw, frame: GridFrame, colour: tuple[int, int, int]) -> Box:
+        """Draw the rectangle of a sub-map; give back its left, top, right and bottom, pixels."""
         low = np.array([frame.origin_x_m, frame.origin_y_m])
-        (left, bottom), (right, top) = self._to_pixels(np.array([low, low + submap.size_m])).tolist()
-        pen.rectangle((left, top, right, bottom), outline=_SUBMAP, width=2)
-        pen.text((right + 3, top - 2), submap.called, fill=_SUBMAP, font=font_of(18))
+        size_m = np.array([frame.cols, frame.rows]) * frame.resolution_m
+        (left, bottom), (right, top) = self._to_pixels(np.array([low, low + size_m])).tolist()
+        pen.rectangle((left, top, right, bottom), outline=colour, width=2)
+        return left, top, right, bottom
 
     def _above_scale(self, image: Image.Image) -> Image.Image:
         """Put a bar of 1, 2, 5, 10, ... metres with its length below the map."""
         longest_m = 0.25 * self._pixels.shape[1] / self._pixels_per_m
         decade = 10.0 ** math.floor(math.log10(longest_m))
         length_m = max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest_m)
-        right, label, font = length_m * self._pixels_per_m, f"{length_m:g} m", font_of(14)
+        right, label = length_m * self._pixels_per_m, f"{length_m:g} m"
+        font = font_of(font_pixels(image.size))
         width = max(image.width, math.ceil(right + 8 + font.getlength(label)))
         sheet = Image.new("RGB", (width, image.height + _SCALE_PIXELS), PAPER)
         sheet.paste(image, (0, 0))
@@ -138,8 +149,3 @@ def largest_of_blocks(cells: Cells, factor: int) -> Cells:
     padded = np.pad(cells, ((0, rows - cells.shape[0]), (0, cols - cells.shape[1])), constant_values=-1)
     blocks: Cells = padded.reshape(rows // factor, factor, cols // factor, factor).max(axis=(1, 3))
     return blocks
-
-
-def font_of(pixels: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """The font that comes with Pillow."""
-    return ImageFont.load_default(pixels)

@@ -58,10 +58,11 @@ def run(context: StageContext) -> dict[str, Any]:
     submaps = read_submaps(context.run_dir / "submaps")
     patches = context.run_dir / "patches" / "patches.zip"
     patch_sets, visits = read_patches(patches), read_visits(patches)
+    log = read_scan_log(context.scans_dir)
     pictures = {
         "map": _map_pictures(context, submaps),
         "segment": (),
-        "cluster": _state_pictures(context.run_dir, submaps, patch_sets, visits),
+        "cluster": _state_pictures(context.run_dir, submaps, patch_sets, visits, int(log.stamps_ns[0])),
     }
     sections = [
         Section(
@@ -73,8 +74,7 @@ def run(context: StageContext) -> dict[str, Any]:
         for name, _, _, title in _STAGES
     ]
     sections.append(_settings_section(context.config, manifests))
-    recordings = read_scan_log(context.scans_dir).recordings
-    _write(context.out_dir, write_page(f"dynmap: {', '.join(recordings)}", sections), sections)
+    _write(context.out_dir, write_page(f"dynmap: {', '.join(log.recordings)}", sections), sections)
     count = sum(len(section.pictures) for section in sections)
     return {"figures": count, "lines": [f"{count} figures in figures/, and all of them in report.html"]}
 
@@ -129,7 +129,11 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
     caption = (
         "Black: walls. White: free. Grey: never seen. Blue: the path. "
         f"Orange: {n_removed} end points of beams that hit something that moves, left out of the map. "
-        + ("Red: areas that change, with their numbers." if submaps else "No area was seen in two states.")
+        + (
+            "Red: sub-maps (areas that change), with their numbers."
+            if submaps
+            else "No area was seen in two states."
+        )
     )
     return (
         Picture("map.png", _png(MapPicture(grid).draw(removed, paths, submaps)), caption),
@@ -187,7 +191,11 @@ def _read_rounds(path: Path) -> list[RoundRow]:
 
 
 def _state_pictures(
-    run_dir: Path, submaps: Sequence[SubMap], patch_sets: Sequence[PatchSet], visits: Sequence[Visit]
+    run_dir: Path,
+    submaps: Sequence[SubMap],
+    patch_sets: Sequence[PatchSet],
+    visits: Sequence[Visit],
+    first_ns: int,
 ) -> tuple[Picture, ...]:
     """When which state was seen, and what the states look like."""
     from dynmap_cli.report.clusters import draw_clusters
@@ -201,7 +209,7 @@ def _state_pictures(
             "Visits: one bar each, coloured by the state it saw; grey where it has none. "
             "A line joins visits that saw the same state one after the other."
         )
-        pictures.append(Picture("visits.png", draw_visits(visits, submaps), caption))
+        pictures.append(Picture("visits.png", draw_visits(visits, submaps, first_ns), caption))
     if patch_sets:
         grid, _ = read_map(run_dir / "map" / "map.yaml")
         caption = (
@@ -213,14 +221,13 @@ def _state_pictures(
     rounds = read_rounds(run_dir / "patches" / "patches.zip")
     for patch_set in patch_sets:
         number = patch_set.submap_id
-        x, y = places[number].center_m
-        caption = f"Sub-map {places[number].called} at ({x:.1f}, {y:.1f}) m. Red: cells that change."
+        caption = f"Sub-map {places[number].called} at {places[number].place} m. Red: cells that change."
         pictures.append(Picture(f"submap_{number:03d}.png", _png(draw_states(patch_set)), caption))
         if len(rounds[number]) > 1:
             caption = (
-                f"Sub-map {places[number].called}: a cluster is added in each round; the BIC, and the means of the "
-                "clusters. The largest BIC is chosen; clusters that differ in too few cells are then one state. "
-                "Red: occupied. Grey: unknown, or the same in all states."
+                f"Sub-map {places[number].called}: 1, 2, ... states are tried; the tiles show what each would be. The "
+                "largest BIC is chosen, which weighs what they explain against their number; states that differ in too "
+                "few cells are then one. Red: occupied. Grey: unknown, or the same in all states."
             )
             picture = _png(draw_clusters(patch_set, rounds[number]))
             pictures.append(Picture(f"clusters_{number:03d}.png", picture, caption))

@@ -142,8 +142,7 @@ def describe(submaps: tuple[SubMap, ...]) -> list[str]:
         return ["no sub-map: no area was seen in two states well enough"]
     area = sum(submap.area_m2 for submap in submaps)
     places = [
-        f"{submap.called} at ({submap.center_m[0]:.1f}, {submap.center_m[1]:.1f}) "
-        f"{submap.size_m[0]:.1f} x {submap.size_m[1]:.1f} m"
+        f"{submap.called} at {submap.place} {submap.size_m[0]:.1f} x {submap.size_m[1]:.1f} m"
         for submap in submaps
     ]
     head = f"{len(submaps)} sub-map{'s' * (len(submaps) != 1)}, {area:.1f} m2: "

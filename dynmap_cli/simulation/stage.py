@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from dynmap_cli.compiling import announce_compilation
 from dynmap_cli.errors import ArtifactError, ConfigError
 from dynmap_cli.files.atomic import scratch_folder
 from dynmap_cli.progress import progress
@@ -52,6 +53,7 @@ def simulate_to_files(
     if scans == 0:
         msg = f"{scenario_path}: the robot's path is over before the first scan is. Give it further places, or wait_s."
         raise ConfigError(msg)
+    announce_compilation()
     with progress("simulate", scans, "scans") as tick:
         run = simulate(scenario, tick)
     _log.info("simulate: writing %s", recording)

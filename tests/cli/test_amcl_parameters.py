@@ -45,6 +45,15 @@ laser_max_range: -1.0
 laser_model_type: beam
 gui_publish_rate: 10.0
 """
+WRAPS = (
+    "robot1: {{amcl: {{ros__parameters: {{{}}}}}}}",
+    "robot1/amcl: {{ros__parameters: {{{}}}}}",
+    "/robot1/amcl: {{ros__parameters: {{{}}}}}",
+    "/fleet/robot1/amcl: {{ros__parameters: {{{}}}}}\n/**: {{ros__parameters: {{use_sim_time: true}}}}",
+    "/fleet: {{robot1/amcl: {{ros__parameters: {{{}}}}}}}",
+    "/**/amcl: {{ros__parameters: {{{}}}}}",
+    "/**: {{ros__parameters: {{{}}}}}",
+)
 
 
 def written(tmp_path, text):
@@ -66,7 +75,7 @@ def test_a_parameter_file_of_nav2_is_read_as_it_is(tmp_path):
     assert all(line.startswith(f"{path}: not used: ") and ", because " in line for line in loaded.notes)
 
 
-@pytest.mark.parametrize("wrap", ["{}", "amcl: {{{}}}", "robot1: {{amcl: {{ros__parameters: {{{}}}}}}}"])
+@pytest.mark.parametrize("wrap", ["{}", "amcl: {{{}}}", *WRAPS])
 def test_names_of_ros_1_stand_alone_or_below_amcl_or_a_namespace(tmp_path, wrap):
     text = ROS_1 if wrap == "{}" else wrap.format(", ".join(ROS_1.split("\n")[1:-1]))
     settings = load_config(written(tmp_path, text), {}).config.localization
@@ -100,6 +109,11 @@ def test_amcl_names_stand_among_own_settings_and_on_the_command_line(tmp_path):
         ("localization: {kld_err: 0.1, pf_err: 0.2}", "given twice"),
         ("amcl: {ros__parameters: {z_hit: much}}", "localization.z_hit = 'much' is not allowed"),
         ("localization: {kld_error: 0.1}", "unknown setting"),
+        (
+            "a/amcl: {ros__parameters: {z_hit: 0.5}}\n/b: {amcl: {ros__parameters: {z_hit: 0.4}}}",
+            "params.yaml: 2 nodes of AMCL: a/amcl, /b/amcl; keep that of one robot",
+        ),
+        ("a/amcl: 3", "the node of AMCL, a/amcl, has no 'key: value' parameters but '3'"),
         ("amlc: {z_hit: 0.5}", r"params.yaml: unknown setting"),
         ("amlc: {ros__parameters: {z_hit: 0.5}}", "without a node of AMCL, it has amlc; give the file"),
         ("robot: {map_server: {ros__parameters: {x: 1}}}", "without a node of AMCL, it has robot"),

@@ -311,7 +311,9 @@ def test_names_that_the_terminal_cannot_show(small, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-@pytest.mark.parametrize("words", [["config", "show"], ["check", "--json"]])
+@pytest.mark.parametrize(
+    "words", [["config", "show"], ["check", "--json"], ["--help"], ["localize", "--help"], ["--version"]]
+)
 def test_an_output_that_is_full(small, words):
     recording = [str(small.recording)] if words[0] == "check" else []
     with Path("/dev/full").open("w") as full:
@@ -324,6 +326,26 @@ def test_an_output_that_is_full(small, words):
         )
     assert done.returncode == FILES
     assert done.stderr.splitlines()[-1].startswith("dynmap: stdout: cannot be written")
+
+
+@pytest.mark.parametrize("verb", ["localize", "update", "compare"])
+def test_a_recording_in_the_place_of_the_run(small, tmp_path, verb, unharmed):
+    before = unharmed(small.run_dir)
+    swapped = run_dynmap(verb, small.recording, small.run_dir)
+    assert swapped.exit_code == 2
+    assert f"RUN comes first, `dynmap {verb} {small.run_dir} {small.recording}`" in swapped.stderr
+    alone = run_dynmap(verb, small.recording, small.recording)
+    assert alone.exit_code == 2
+    assert f"{small.recording} is a file, not a run directory" in alone.stderr
+    assert unharmed(small.run_dir) == before
+
+
+def test_a_run_and_a_map_at_once(small, tmp_path):
+    map_yaml, out = small.run_dir / "map" / "map.yaml", tmp_path / "out"
+    both = run_dynmap("localize", small.run_dir, small.recording, "--map", map_yaml, "-o", out)
+    assert both.exit_code == 2
+    assert f"{small.run_dir} is a run directory, and --map is another map" in both.stderr
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("closed", ["| head -c 0", ">&-"])

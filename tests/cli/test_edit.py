@@ -203,9 +203,10 @@ def test_a_build_with_force_keeps_corrections_of_the_same_recordings_only(small,
 )
 def test_what_makes_no_sense_is_refused_and_changes_nothing(words, code, found, run_dir):
     before = contents(run_dir)
-    result = run_dynmap("edit", run_dir, *words, "-q")
+    result = run_dynmap("edit", run_dir, *words)
     assert result.exit_code == code
     assert found in result.stderr
+    assert "up to date" not in result.stderr
     assert contents(run_dir) == before
 
 

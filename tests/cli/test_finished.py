@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 
 import numpy as np
@@ -207,7 +208,22 @@ def test_explain_shows_evidence_visits_states_and_scores(corridor, unharmed):
         assert len(text.splitlines()) > 6 + len(evidence["windows"]) + len(found["visits"])
         assert "BIC by the number of states: 1: " in text
         assert "objects: cells that switch together" in text
+        start_s = float(found["recordings"][0]["start_s"])
+        assert "t in seconds from the first scan of corridor_monday.mcap (2026-03-02T08:00:00Z)" in text
+        for visit in found["visits"]:
+            enter, leave = (float(visit[f"{what}_s"]) - start_s for what in ("enter", "leave"))
+            assert re.search(rf"corridor_monday.mcap +{enter:.1f} +{leave:.1f} ", text)
     assert unharmed(corridor.run_dir) == before
+
+
+def test_a_place_is_named_alike_by_all(corridor):
+    built = run_dynmap("segment", corridor.run_dir, "-q").stdout
+    timeline = run_dynmap("timeline", corridor.run_dir, "-o", corridor.run_dir.parent / "places", "-q").stdout
+    for submap in read_submaps(corridor.run_dir / "submaps"):
+        assert f"{submap.submap_id} at {submap.place} " in built
+        assert f"sub-map {submap.submap_id} at {submap.place}: " in timeline
+        explained = run_dynmap("explain", corridor.run_dir, submap.submap_id, "-q").stdout
+        assert explained.startswith(f"sub-map {submap.submap_id} at {submap.place}, ")
 
 
 def test_a_submap_that_is_not_there(corridor, small):

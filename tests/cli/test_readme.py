@@ -1,5 +1,6 @@
 """What the README shows works."""
 
+import json
 import re
 from pathlib import Path
 
@@ -39,6 +40,29 @@ def test_columns_and_exit_codes_are_as_documented():
 
 
 def test_links_lead_somewhere():
-    links = re.findall(r"\]\(([^)#:]+)\)", README)
+    links = re.findall(r"\]\(([^)#:]+)\)|src=\"([^\"]+)\"", README)
+    links = [link or picture for link, picture in links]
     assert links
     assert [link for link in links if not (PROJECT / link).exists()] == []
+
+
+def test_the_lines_of_the_terminal_are_those_that_are_printed(corridor):
+    """But for numbers and why loops were rejected, which may differ a little on another machine."""
+
+    def masked(line):
+        return re.sub(r"-?\d+(\.\d+)?", "N", re.sub("rejected: .*", "rejected", line))
+
+    built, localized = (
+        [line for line in block.splitlines() if ": " in line]
+        for block in re.findall(r"```text\n(.*?)```", README, re.DOTALL)
+    )
+    for shown, paths in (
+        (built, [*corridor.run_dir.glob("*.manifest.json"), *corridor.run_dir.glob("*/*.manifest.json")]),
+        (localized, [corridor.out_dir / "localize.manifest.json"]),
+    ):
+        printed = set()
+        for path in paths:
+            manifest = json.loads(path.read_text())
+            printed |= {masked(f"{manifest['stage']}: {line}") for line in manifest["summary"]["lines"]}
+        assert [line for line in shown if masked(line) not in printed] == []
+        assert printed <= set(map(masked, shown))

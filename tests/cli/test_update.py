@@ -138,6 +138,40 @@ def test_seed_and_settings_of_localize_stay(corridor, updated, tmp_path):
     assert "run.yaml: cannot be read" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "found"),
+    [
+        (
+            "states",
+            "objects",
+            "localization.states = 'objects' is not allowed: `belief` replaces it (States: ",
+        ),
+        ("gone", 1, "unknown setting 'gone' in section 'localization'"),
+    ],
+)
+def test_a_setting_of_another_version_is_one_of_run_yaml(small, sample_logs, key, value, found):
+    path = small.run_dir / "run.yaml"
+    noted = yaml.safe_load(path.read_text())
+    noted["settings"]["localization"][key] = value
+    path.write_text(yaml.safe_dump(noted))
+    result = run_dynmap("update", small.run_dir, sample_logs / "corridor_tuesday.mcap")
+    assert result.exit_code == 3
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"dynmap: {path}: {found}")
+    assert line.endswith("Correct it in this file, nothing of the run has to be made again.")
+
+
+def test_a_setting_of_another_version_is_one_of_its_stage(small):
+    path = small.run_dir / "map" / "map.manifest.json"
+    manifest = json.loads(path.read_text())
+    manifest["settings"]["resolution_m"] = -1
+    path.write_text(json.dumps(manifest))
+    result = run_dynmap("edit", small.run_dir, "-q")
+    assert result.exit_code == 3
+    assert result.stderr.startswith(f"dynmap: {path}: map.resolution_m = -1 is not allowed: ")
+    assert f"run `dynmap build LOG -o {small.run_dir} --force`." in result.stderr
+
+
 def test_a_run_that_is_not_finished_is_refused(corridor, logs, tmp_path):
     run_dir = tmp_path / "run"
     shutil.copytree(corridor.run_dir, run_dir)

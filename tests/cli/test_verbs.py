@@ -209,6 +209,14 @@ def test_every_verb_has_help_and_is_in_the_readme(verb):
     assert f"dynmap {verb}" in readme
 
 
+def test_the_list_of_verbs_says_each_in_a_whole_sentence():
+    lines = run_dynmap("--help").stdout.splitlines()
+    for verb in VERBS:
+        (line,) = (line for line in lines if re.match(rf"  {verb} +[A-Z]", line))
+        assert line.endswith(".")
+        assert not line.endswith("...")
+
+
 def test_the_exit_codes_are_documented_and_distinct():
     from dynmap_cli.errors import ArtifactError, ConfigError, LogError
 

@@ -104,8 +104,8 @@ def test_tables_have_a_line_per_map_and_a_line_per_update(courses):
 
 def test_figures_are_the_same_bytes_each_time(courses):
     for draw in (
-        lambda: draw_courses(courses, with_truth=True),
-        lambda: draw_beliefs(courses[0], {0: "0 ($lab)"}),
+        lambda: draw_courses(courses, 0, with_truth=True),
+        lambda: draw_beliefs(courses[0], {0: "0 ($lab)"}, 0),
     ):
         assert draw() == draw()
         assert draw().startswith(b"\x89PNG")
@@ -127,8 +127,11 @@ def test_the_verb_writes_its_files_with_and_without_truth(small, tmp_path):  # n
         result = run_dynmap("compare", small.run_dir, small.recording, "-o", out, "--json", "-q", *words)
         assert result.exit_code == 0, result.output
         found[name] = json.loads(result.stdout)
-        for file in ("comparison.csv", "over_time.csv", "pose_error.png", "states.png"):
-            assert (out / file).stat().st_size > 0
+        figure = "spread.png" if name == "plain" else "pose_error.png"
+        files = {path.name for path in out.iterdir() if path.suffix in (".csv", ".png")}
+        assert files == {"comparison.csv", "over_time.csv", figure}
+        assert set(found[name]["files"]) == files
+        assert "no sub-map came into view, so there is no states.png" in found[name]["lines"]
         with (out / "comparison.csv").open(newline="") as stream:
             assert [row["map"] for row in csv.DictReader(stream)] == maps
     assert found["plain"]["maps"]["patch map"]["pose_error_mean_m"] is None

@@ -101,7 +101,7 @@ def test_the_sentence_says_it_all():
 def test_time_never_runs_back_in_the_figure_and_pauses_are_short(visits):
     if not visits:
         return
-    clock = _Clock(visits)
+    clock = _Clock(visits, min(one.start_ns for one in visits))
     stamps = sorted({stamp for v in visits for stamp in (v.start_ns, v.end_ns)})
     places = [clock.at(stamp) for stamp in stamps]
     assert places[0] == 0.0
@@ -116,6 +116,6 @@ def test_the_figure_is_drawn_with_and_without_pauses_and_visits():
     near = [visit(k % 2, k, 30 * k, k % 3 if k % 3 < 2 else None) for k in range(8)]
     far = [visit(0, 9, 90_000, 1), visit(1, 9, 1_772_438_400, 0)]
     for visits in (near, near + far, []):
-        image = np.asarray(Image.open(io.BytesIO(draw_visits(visits, SUBMAPS))))
-        assert (draw_visits(visits[::-1], SUBMAPS) == draw_visits(visits, SUBMAPS)) is True
+        image = np.asarray(Image.open(io.BytesIO(draw_visits(visits, SUBMAPS, 0))))
+        assert (draw_visits(visits[::-1], SUBMAPS, 0) == draw_visits(visits, SUBMAPS, 0)) is True
         assert image.shape[1] == 800

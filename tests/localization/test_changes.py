@@ -1,9 +1,14 @@
 """Where a map is out of date, and whether it is the right one."""
 
+import numpy as np
+import pytest
+
+from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.changes import changed_line, changed_places, is_another_place
-from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.health import ScanHealth
 from dynmap_cli.localization.places import Place
+from dynmap_cli.localization.summary import summarize
 
 
 def row(second, verdict="tracking", place=None, changed=0.0, lost=0.0):
@@ -53,3 +58,14 @@ def test_a_recording_of_another_place_contradicts_the_map_in_many_updates():
 
 def test_no_update_is_advised_for_the_map_of_another_place():
     assert changed_line([row(k, "changed", BOX, 0.1, lost=3.0) for k in range(9)], 0) == ""
+
+
+@pytest.mark.parametrize(("n_wrong", "is_other"), [(0, False), (2, True)])
+def test_scripts_are_told_by_a_word_of_the_summary(n_wrong, is_other):
+    rows = [row(k, lost=3.0 * (k < n_wrong)) for k in range(20)]
+    stamps_ns = np.array([one.stamp_ns for one in rows])
+    path = Trajectory(stamps_ns, np.zeros((20, 3)))
+    found = Localization(path, poses=[], states=[], health=rows, searches=[], clouds=[], warnings=[])
+    summary = summarize(found, [], {})
+    assert summary["another_place"] is is_other
+    assert (summary["tracking"], summary["changed"], summary["lost"]) == (1.0, 0.0, 0.0)

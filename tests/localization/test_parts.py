@@ -7,7 +7,16 @@ import pytest
 from scipy import ndimage
 
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
-from dynmap_cli.domain.patches import OFF, ON, UNKNOWN_STATE, ChangingObject, Patch, PatchSet, Visit
+from dynmap_cli.domain.patches import (
+    NEVER_MAPPED,
+    OFF,
+    ON,
+    UNKNOWN_STATE,
+    ChangingObject,
+    Patch,
+    PatchSet,
+    Visit,
+)
 from dynmap_cli.localization.combinations import (
     MAX_COMBINATIONS,
     is_compatible,
@@ -20,7 +29,7 @@ from dynmap_cli.localization.map_pool import BESIDE_CELLS, make_map_pool, slices
 from dynmap_cli.localization.parts import independent_parts, nearest_object, whole_parts
 from dynmap_cli.localization.sensor import Sweep
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.state_tables import NEVER_MAPPED, object_beliefs, patch_beliefs
+from dynmap_cli.localization.state_tables import object_beliefs, patch_beliefs
 from dynmap_cli.localization.states import place_sweep, state_evidence, update_belief
 
 FRAME = GridFrame(0.05, -1.0, -1.0, 80, 80)

@@ -5,7 +5,7 @@ import numpy as np
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.report.clusters import draw_clusters
-from dynmap_cli.report.pictures import CHANGING
+from dynmap_cli.report.ink import CHANGING
 
 FRAME = GridFrame(0.05, 0.0, 0.0, 6, 8)
 

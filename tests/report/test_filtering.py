@@ -7,6 +7,7 @@ from PIL import Image
 
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.report.filtering import _in_one_frame, draw_filtered, draw_rounds_of_map, side_by_side
+from dynmap_cli.report.pictures import _FEW, _FEW_PIXELS, MapPicture
 
 ORANGE = (240, 128, 16)
 
@@ -36,7 +37,7 @@ def test_removed_beams_are_coloured_only_in_the_filtered_map():
     picture = draw_filtered(grid_with([(0, 0)]), np.array([[0.5, 0.5], [9.0, 9.0]]), 2)
     half = picture.width // 2
     assert count(picture.crop((0, 0, half, picture.height)), ORANGE) == 0
-    assert count(picture.crop((half, 0, picture.width, picture.height)), ORANGE) == 4
+    assert count(picture.crop((half, 0, picture.width, picture.height)), ORANGE) == _FEW_PIXELS**2
 
 
 def test_cells_that_fade_out_are_coloured():
@@ -45,7 +46,7 @@ def test_cells_that_fade_out_are_coloured():
     wall, person = (0.0, 0.0), (0.5, 0.5)
     final, titled = grid_with([wall]), [("all", grid_with([wall, person])), ("round 1", grid_with([wall]))]
     sheet = draw_rounds_of_map(titled, final, stream.getvalue())
-    assert count(sheet, ORANGE) == 4
+    assert count(sheet, ORANGE) == _FEW_PIXELS**2
     assert count(sheet, (1, 2, 3)) == 800
 
 
@@ -64,3 +65,11 @@ def test_a_wall_that_moves_by_one_cell_is_no_change():
     Image.new("RGB", (4, 4)).save(stream, format="PNG")
     titled = [("all", grid_with([(0.05, 0.0)]))]
     assert count(draw_rounds_of_map(titled, grid_with([(0.0, 0.0)]), stream.getvalue()), ORANGE) == 0
+
+
+def test_few_spots_are_drawn_larger_than_many():
+    grid = grid_with([(0.0, 0.0)])
+    many = np.random.default_rng(1).uniform(0.0, 1.0, (_FEW + 1, 2))
+    one, none, crowd = (count(MapPicture(grid).draw(p, (), ()), ORANGE) for p in (many[:1], many[:0], many))
+    assert (one, none) == (_FEW_PIXELS**2, 0)
+    assert 0 < crowd <= 4 * many.shape[0]

@@ -7,9 +7,10 @@ from dynmap_cli.domain.grid import FREE, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.files.trajectory import format_stamp, write_tum
-from dynmap_cli.report.localized import COLOURS, draw_localized
-from dynmap_cli.report.pictures import INK
+from dynmap_cli.report.ink import INK
+from dynmap_cli.report.localized import COLOURS, SeenSubMap, _believed_last, draw_localized
 
+HEADER = "stamp_s,submap,patch,probability,nearest"
 FRAME = GridFrame(0.05, -1.0, -2.0, 100, 120)
 
 
@@ -20,7 +21,7 @@ def localized(folder, verdicts, x_m):
     write_tum(folder / "trajectory.tum", Trajectory(stamps, poses))
     lines = ["stamp_s,verdict", *(f"{format_stamp(10**9 * k)},{v}" for k, v in enumerate(verdicts))]
     (folder / "health.csv").write_text("\n".join(lines) + "\n")
-    states = ["stamp_s,submap,patch,probability", "0.0,7,0,0.9", "0.0,7,1,0.1", "1.0,7,0,0.2", "1.0,7,1,0.8"]
+    states = [HEADER, "0.0,7,0,0.9,", "0.0,7,1,0.1,", "1.0,7,0,0.2,", "1.0,7,1,0.8,"]
     (folder / "states.csv").write_text("\n".join(states) + "\n")
     return folder
 
@@ -60,7 +61,7 @@ def test_no_line_is_drawn_where_the_robot_was_found_elsewhere(tmp_path):
 @pytest.mark.parametrize(("last", "is_dark"), [("0", True), ("1", False)])
 def test_a_submap_is_shown_as_it_was_believed_to_be_last(tmp_path, last, is_dark):
     folder = localized(tmp_path, ["tracking"], np.linspace(0, 3, 30))
-    (folder / "states.csv").write_text(f"stamp_s,submap,patch,probability\n2.0,7,{last},0.9\n")
+    (folder / "states.csv").write_text(f"{HEADER}\n2.0,7,{last},0.9,\n")
     assert (count(drawn(folder, [door()]), INK) > 5000) == is_dark
 
 
@@ -68,5 +69,19 @@ def test_names_are_written_and_what_was_not_seen_is_said(tmp_path):
     folder = localized(tmp_path, ["tracking"], np.linspace(0, 3, 30))
     plain, named = drawn(folder, [door()]), drawn(folder, [door()], {7: "lab door"})
     assert (plain != named).any()
-    (folder / "states.csv").write_text("stamp_s,submap,patch,probability\n")
+    (folder / "states.csv").write_text(f"{HEADER}\n")
     assert (drawn(folder, [door()]) != plain).any()
+
+
+@pytest.mark.parametrize(
+    ("rows", "label"),
+    [
+        ((), "7: not seen"),
+        (("2.0,7,0,0.9,", "2.0,7,1,0.1,"), "7: state 0 (0.90)"),
+        (("1.0,7,0,0.9,", "2.0,7,0,0.6,", "2.0,7,1,0.4,"), "7: undecided, state 0 (0.60)"),
+        (("2.0,7,0,0.1,", "2.0,7,-1,0.9,0 with object 1"), "7: state 0 with object 1 (0.90)"),
+    ],
+)
+def test_a_state_is_called_as_the_terminal_calls_it(tmp_path, rows, label):
+    (tmp_path / "states.csv").write_text("\n".join([HEADER, *rows]) + "\n")
+    assert SeenSubMap(door(), "7", *_believed_last(tmp_path / "states.csv").get(7, ())).label == label
