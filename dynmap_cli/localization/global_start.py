@@ -17,17 +17,18 @@ from dynmap_cli.errors import ArtifactError
 from dynmap_cli.localization.drives import DRIVES, SEARCH_LOOKS, START_LOOKS, drive_from
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.modes import (
+    START_BEAMS,
     Candidates,
     Look,
     Mode,
     all_scores,
     find_modes,
     is_near,
-    look_scores,
     open_field,
+    weigh_on,
 )
 from dynmap_cli.localization.particle_filter import Particles, make_particles
-from dynmap_cli.localization.sensor import sweep_of
+from dynmap_cli.localization.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 
 LEAST_RETURNS = 10
@@ -129,14 +130,15 @@ def lattice_candidates(
     log: ScanLog, scan: int, pool: MapPool, settings: LocalizationSettings, executor: ThreadPoolExecutor
 ) -> Candidates:
     """Weigh every pose of the lattice under one scan and keep the best."""
-    look = Look(sweep_of(log, scan, settings.laser_max_range), np.zeros(3))
+    ends = pose_ends(sweep_of(log, scan, settings.laser_max_range), START_BEAMS)
+    exponent = temper(ends.shape[0], settings)
     points = lattice_points(pool, settings.start_pitch_m)
     n_yaws = max(round(360.0 / settings.start_pitch_deg), 1)
     yaws = wrap_angle(2.0 * np.pi / n_yaws * np.arange(n_yaws, dtype=np.float64))
 
     def weigh(yaw: float) -> F64:
         poses = np.column_stack([points, np.full(points.shape[0], yaw)])
-        return look_scores(look, poses, pool, pool.start_field, settings)
+        return exponent * scan_log_likelihoods(pool.start_field, pool.frame, poses, ends)
 
     scores = np.stack(list(executor.map(weigh, yaws.tolist())))
     flat = scores.ravel()
@@ -214,8 +216,7 @@ def _modes_anywhere(
 ) -> list[Mode]:
     """The best places in the whole map."""
     candidates, field = lattice_candidates(log, scan, pool, settings, executor), pool.start_field
-    scores = candidates.scores + all_scores(looks[1:], candidates.poses, pool, field, settings)
-    return find_modes(Candidates(candidates.poses, scores), looks, pool, field, settings)
+    return find_modes(weigh_on(candidates, looks[1:], pool, field, settings), looks, pool, field, settings)
 
 
 def _log_prior(pose: F64, here: F64) -> float:

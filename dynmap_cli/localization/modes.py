@@ -26,6 +26,10 @@ SCANS_OF_A_DRIVE = 3.0
 exact, a wrong place may fit a little better all along."""
 LEAST_BELOW = 30.0
 """Of log-likelihoods: by so much the lattice and the drift of the odometry may spoil the best place."""
+_WEIGHED_FIRST = 1000
+"""Candidates that are weighed by all scans before the others are."""
+_ROUNDING = 1e-6
+"""Of sums of log-likelihoods."""
 _STEPS = np.arange(-2, 3)
 _AROUND = np.stack(np.meshgrid(_STEPS, _STEPS, _STEPS, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -106,6 +110,33 @@ def all_scores(
 ) -> F64:
     """Tempered log-likelihood (n,) of all scans together."""
     return sum((look_scores(look, poses, pool, field, settings) for look in looks), np.zeros(len(poses)))
+
+
+def weigh_on(
+    candidates: Candidates, looks: Sequence[Look], pool: MapPool, field: F32, settings: LocalizationSettings
+) -> Candidates:
+    """Add what more scans say; candidates that will end `LEAST_BELOW` below the best are left out on the way.
+
+    A scan says no more than if all its ends lay on the map, and the best ends no lower than those that are good from
+    the start (bounds as in branch and bound): most candidates are out of the question after a few scans.
+    """
+    poses, before = candidates.poses, candidates.scores
+    first = np.argpartition(-before, min(_WEIGHED_FIRST, before.size) - 1)[:_WEIGHED_FIRST]
+    reached = float((before[first] + all_scores(looks, poses[first], pool, field, settings)).max())
+    highest = np.array([_highest_score(look, float(field.max()), settings) for look in looks])
+    added = np.zeros(before.size)
+    for number, look in enumerate(looks):
+        added += look_scores(look, poses, pool, field, settings)
+        can_reach = before + added + highest[number + 1 :].sum()
+        possible = can_reach > reached - LEAST_BELOW - _ROUNDING
+        poses, before, added = poses[possible], before[possible], added[possible]
+    return Candidates(poses, before + added)
+
+
+def _highest_score(look: Look, best_end: float, settings: LocalizationSettings) -> float:
+    """What a scan says of a pose from which every end is as likely as it can be."""
+    n_ends = min(look.sweep.n_returns, START_BEAMS)
+    return temper(n_ends, settings) * n_ends * best_end
 
 
 def open_field(pool: MapPool) -> F32:

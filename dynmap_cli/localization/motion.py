@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.kernels.particles import mean_step, move_poses
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.spread_noise import spread_noise
@@ -83,7 +82,8 @@ def turn_drive_turn(step: F64, shortest_m: float) -> tuple[float, float, float]:
     """
     length = math.hypot(step[0], step[1])
     first = math.atan2(step[1], step[0]) if length >= shortest_m else 0.0
-    return first, length, float(wrap_angle(np.asarray(step[2] - first)))
+    last = (float(step[2]) - first + math.pi) % (2.0 * math.pi) - math.pi
+    return first, length, last
 
 
 def odometry_sigmas(

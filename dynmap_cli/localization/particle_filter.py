@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def reweigh(particles: Particles, log_likelihoods: F64) -> Particles:
     """Multiply weights by likelihoods, given as logarithms, and normalize."""
     weights = np.empty(particles.count)
     multiply_weights(particles.weights, log_likelihoods, weights)
-    return replace(particles, weights=weights)
+    return Particles(particles.poses, weights, particles.submaps, particles.states)
 
 
 def resample(particles: Particles, settings: LocalizationSettings, random: np.random.Generator) -> Particles:

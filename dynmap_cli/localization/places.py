@@ -106,9 +106,9 @@ class NovelPlaces:
 
 def main_place(things_m: F64, openings_m: F64, submaps: Sequence[SubMapStates]) -> Place | None:
     """Where most of the points are that show a thing (n, 2) or an opening (m, 2) that the map has not."""
-    points = np.concatenate([things_m, openings_m])
-    if not points.size:
+    if not things_m.size and not openings_m.size:
         return None
+    points = np.concatenate([things_m, openings_m])
     _, bins, counts = np.unique(np.floor(points / _BIN_M), axis=0, return_inverse=True, return_counts=True)
     middle = points[bins.ravel() == int(np.argmax(counts))].mean(axis=0)
     near = np.hypot(*(points - middle).T) <= _AROUND_M

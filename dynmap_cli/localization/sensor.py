@@ -51,7 +51,8 @@ class Sweep:
         """(m, 2) end points of some beams, which must have hit something, in the robot frame."""
         angles = self.directions_rad[beams]
         ends, scratch = np.empty((angles.size, 2)), np.empty(angles.size)
-        place_beams(angles, self.ranges_m[beams], np.array([*self.sensor, 0.0]), scratch, ends)
+        x, y = self.sensor.tolist()
+        place_beams(angles, self.ranges_m[beams], np.array([x, y, 0.0]), scratch, ends)
         return ends
 
 
@@ -60,10 +61,10 @@ def sweep_of(log: ScanLog, scan: int, max_range_m: float) -> Sweep:
     geometry = int(log.geometry_index[scan])
     ranges = np.asarray(log.ranges_m[scan], dtype=np.float64)
     bearings = log.bearings_rad[geometry]
-    x, y, yaw = log.sensor_poses[geometry]
-    usable = np.isfinite(bearings) & ((ranges <= max_range_m) | np.isposinf(ranges))
+    sensor = log.sensor_poses[geometry]
+    usable = np.isfinite(bearings) & ((ranges <= max_range_m) | (ranges == np.inf))
     reach = min(float(log.range_limits_m[geometry, 1]), max_range_m)
-    return Sweep(np.array([x, y]), bearings[usable] + yaw, ranges[usable], reach)
+    return Sweep(sensor[:2].copy(), bearings[usable] + sensor[2], ranges[usable], reach)
 
 
 def pose_ends(sweep: Sweep, max_beams: int) -> F64:

@@ -77,16 +77,18 @@ def place_sweep(sweep: Sweep, pose: F64) -> PlacedSweep:
     """Put the beams of a scan where the robot is."""
     hits = np.isfinite(sweep.ranges_m)
     lengths = np.where(hits, sweep.ranges_m, sweep.reach_m)
-    sensor = transform_point(pose, sweep.sensor)
+    sensor = np.empty(3)
+    sensor[:2], sensor[2] = transform_point(pose, sweep.sensor), pose[2]
     directions, ends = np.empty(lengths.size), np.empty((lengths.size, 2))
-    place_beams(sweep.directions_rad, lengths, np.array([*sensor, pose[2]]), directions, ends)
-    return PlacedSweep(sensor, directions, lengths, ends, hits)
+    place_beams(sweep.directions_rad, lengths, sensor, directions, ends)
+    return PlacedSweep(sensor[:2], directions, lengths, ends, hits)
 
 
 def transform_point(pose: F64, point: F64) -> F64:
     """One point (2,) of the robot frame in the map frame, as `transform_points` for many."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    return np.array([pose[0] + cos * point[0] - sin * point[1], pose[1] + sin * point[0] + cos * point[1]])
+    (x, y, yaw), (ahead, left) = pose.tolist(), point.tolist()
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.array([x + cos * ahead - sin * left, y + sin * ahead + cos * left])
 
 
 def state_evidence(

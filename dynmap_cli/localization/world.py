@@ -20,6 +20,7 @@ class World:
         self._pool = pool
         self._beliefs = [self.alike(number) for number in range(len(pool.submaps))]
         self._painted = list(self._beliefs)
+        self._rectangles_m = [submap.rectangle_m for submap in pool.submaps]
         self._stamps_ns: list[int | None] = [None] * len(pool.submaps)
 
     def belief(self, number: int, stamp_ns: int) -> F64:
@@ -54,10 +55,10 @@ class World:
     def near(self, point_m: F64, within_m: float) -> list[int]:
         """Indices of the sub-maps whose rectangle is within reach of a point."""
         found = []
-        for number, submap in enumerate(self._pool.submaps):
-            x0, y0, x1, y1 = submap.rectangle_m
-            dx = max(x0 - point_m[0], point_m[0] - x1, 0.0)
-            dy = max(y0 - point_m[1], point_m[1] - y1, 0.0)
+        x, y = point_m.tolist()
+        for number, (x0, y0, x1, y1) in enumerate(self._rectangles_m):
+            dx = max(x0 - x, x - x1, 0.0)
+            dy = max(y0 - y, y - y1, 0.0)
             if dx * dx + dy * dy <= within_m * within_m:
                 found.append(number)
         return found

@@ -8,13 +8,16 @@ import numpy as np
 
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.modes import (
+    LEAST_BELOW,
     SCANS_OF_A_DRIVE,
     Candidates,
     Look,
     Mode,
+    all_scores,
     find_modes,
     is_near,
     look_scores,
+    weigh_on,
 )
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
@@ -70,6 +73,20 @@ def test_where_the_lattice_misses_the_robot_its_place_still_wins():
     found = find_modes(Candidates(poses, np.array([-20.0, -10.0])), looks, pool, pool.start_field, SETTINGS)
     assert bool(is_near(found[0].pose[None], POSE)[0])
     assert found[0].score > found[1].score
+
+
+def test_only_candidates_that_are_out_of_the_question_are_left_out_on_the_way():
+    pool, looks = seen()
+    random = np.random.default_rng(0)
+    poses = POSE + random.uniform(-1.5, 1.5, (5000, 3))
+    scores = all_scores(looks[:1], poses, pool, pool.start_field, SETTINGS)
+    found = weigh_on(Candidates(poses, scores), 4 * looks, pool, pool.start_field, SETTINGS)
+    every = scores + all_scores(4 * looks, poses, pool, pool.start_field, SETTINGS)
+    least = every.max() - LEAST_BELOW
+    assert 0 < (every > least).sum() <= found.scores.size < scores.size
+    is_in_question = found.scores > least
+    np.testing.assert_array_equal(found.poses[is_in_question], poses[every > least])
+    np.testing.assert_array_equal(found.scores[is_in_question], every[every > least])
 
 
 def test_scans_of_one_drive_are_worth_a_few():
