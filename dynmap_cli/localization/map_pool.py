@@ -50,6 +50,8 @@ class SubMapStates:
         Cells within `EXPLAINED_M` of something in the map in that state.
     surfaces : (n_states, rows, cols) uint8
         What blocks beams in each state, see `surface_codes`.
+    passes : (n_states, rows, cols) float32
+        Share of the beams that pass each cell in each state; NaN where nothing is and none came.
     prior : (25, n_states) float64
         Belief before the first look, by hour of the day, see `prior_by_hour`.
     stay_probability : float
@@ -71,6 +73,7 @@ class SubMapStates:
     likelihoods: F32
     explained: B1
     surfaces: U8
+    passes: F32
     prior: F64
     stay_probability: float
     drawn: F64
@@ -294,7 +297,12 @@ def _owners(frame: GridFrame, sets: Sequence[PatchSet], solid: Sequence[B1], occ
 
 
 def _solid_states(patch_set: PatchSet) -> B1:
-    """(n_states, rows, cols) what is solid in each state.
+    """(n_states, rows, cols) what is solid in each state."""
+    return np.asarray(_reflectances(patch_set) >= SOLID_REFLECTANCE)
+
+
+def _reflectances(patch_set: PatchSet) -> F64:
+    """(n_states, rows, cols) share of the beams that end in each cell.
 
     A cell that a state leaves open is taken from the mean of the others: what is not known must not tell
     states apart.
@@ -302,7 +310,13 @@ def _solid_states(patch_set: PatchSet) -> B1:
     values = np.stack([patch.reflectance for patch in patch_set.patches]).astype(np.float64)
     known = np.isfinite(values)
     mean = np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.asarray(np.where(known, values, mean) >= SOLID_REFLECTANCE)
+    return np.asarray(np.where(known, values, mean))
+
+
+def _passes(patch_set: PatchSet, solid: B1) -> F32:
+    """(n_states, rows, cols) share of the beams that pass each cell; NaN where nothing is solid and none came."""
+    came = np.isfinite([patch.reflectance for patch in patch_set.patches])
+    return np.where(came | solid, 1.0 - _reflectances(patch_set), np.nan).astype(np.float32)
 
 
 def _union(static: B1, owner: I32, sets: Sequence[PatchSet], solid: Sequence[B1], frame: GridFrame) -> B1:
@@ -374,6 +388,7 @@ def _submap_states(
         likelihoods=np.exp(fields),
         explained=distance <= EXPLAINED_M,
         surfaces=np.stack(surfaces).astype(np.uint8),
+        passes=_passes(patch_set, solid),
         prior=prior_by_hour(patch_set.patches, settings.prior),
         stay_probability=patch_set.stay_probability,
         drawn=prior_by_hour(patch_set.patches, "uniform")[-1],
