@@ -349,6 +349,8 @@ def sort_beams(
     other: B1,
     behind_m: F64,
     in_free: B1,
+    on_map: B1,
+    clips: B1,
     limits: F64,
     counts: I64,
     things: B1,
@@ -358,9 +360,9 @@ def sort_beams(
 
     Parameters
     ----------
-    hits, now, other, in_free : (n,) bool
+    hits, now, other, in_free, on_map, clips : (n,) bool
         Whether a beam hit something; its end is explained by the likeliest states, or by others only; it ends where
-        the map is free.
+        the map is free; it ends on what is in the map, in any state; what it went through is the edge of a wall only.
     behind_m : (n,) float64
         How far behind the first wall on its way it ends.
     limits : (2,) float64
@@ -370,13 +372,13 @@ def sort_beams(
         a wall into the free, those that went through one to where the map knows nothing, and those that did neither
         and end where the map knows nothing.
     things, openings : (n,) bool
-        Unexplained and through nothing; through a wall.
+        Unexplained and through no more than an edge, or through nothing and not on the map; through a wall.
     """
     counts[:] = 0
     for k in range(hits.size):
         unexplained = hits[k] and not (now[k] or other[k])
         through = behind_m[k] > limits[0]
-        things[k] = unexplained and not through
+        things[k] = (unexplained and clips[k]) or (hits[k] and not on_map[k] and not through)
         openings[k] = hits[k] and behind_m[k] > limits[1]
         counts[0] += hits[k]
         counts[1] += hits[k] and now[k]
@@ -384,4 +386,4 @@ def sort_beams(
         counts[3] += unexplained
         counts[4] += unexplained and through and in_free[k]
         counts[5] += unexplained and through and not in_free[k]
-        counts[6] += things[k] and not in_free[k]
+        counts[6] += unexplained and not through and not in_free[k]

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import transform_points
-from dynmap_cli.kernels.novelties import see_places
+from dynmap_cli.kernels.novelties import clip_edges, see_places
 from dynmap_cli.kernels.sweeps import (
     are_marked,
     explain_by_states,
@@ -19,6 +19,7 @@ from dynmap_cli.kernels.sweeps import (
     weigh_states,
 )
 from tests.reference.localization import (
+    plain_clips,
     plain_first_crossing,
     plain_passing_share,
     plain_state_evidence,
@@ -159,18 +160,29 @@ def test_what_a_scan_says_of_states_is_its_plain_twin(seed):
 @given(st.integers(0, 10_000), st.integers(0, 30))
 def test_every_beam_is_sorted_once(seed, n):
     random = np.random.default_rng(seed)
-    hits, now, other, in_free = random.random((4, n)) < 0.5
+    hits, now, other, in_free, on_map, clips = random.random((6, n)) < 0.5
     other &= ~now
     behind = np.where(random.random(n) < 0.3, -np.inf, random.uniform(-1.0, 2.0, n))
     through = behind > 0.5
     counts, things, openings = np.empty(7, np.int64), np.empty(n, bool), np.empty(n, bool)
-    sort_beams(hits, now, other, behind, in_free, np.array([0.5, 0.3]), counts, things, openings)
+    out = counts, things, openings
+    sort_beams(hits, now, other, behind, in_free, on_map, clips, np.array([0.5, 0.3]), *out)
     new = hits & ~(now | other)
     masks = (hits, hits & now, hits & other, new, new & through & in_free, new & through & ~in_free)
     expected = [int(mask.sum()) for mask in masks]
     assert counts.tolist() == [*expected, int((new & ~through & ~in_free).sum())]
-    assert things.tolist() == (new & ~through).tolist()
+    assert things.tolist() == ((new & clips) | (hits & ~on_map & ~through)).tolist()
     assert openings.tolist() == (hits & (behind > 0.3)).tolist()
+
+
+@given(st.integers(0, 10_000), st.integers(0, 30))
+def test_beams_that_clip_edges_are_their_plain_twin(seed, n):
+    random = np.random.default_rng(seed)
+    behind = np.where(random.random(n) < 0.3, -np.inf, random.uniform(-1.0, 2.0, n))
+    crossings = np.cumsum(random.exponential(0.15, (n, 2)) * (random.random((n, 1)) < 0.7), axis=0)
+    out = np.empty(n, bool)
+    clip_edges(behind, crossings, np.array([0.5, 0.6, 0.2]), out)
+    assert out.tolist() == plain_clips(behind, crossings, 0.5, 0.6, 0.2)
 
 
 @given(st.integers(0, 10_000), st.integers(1, 3), st.integers(1, 3), st.booleans())

@@ -116,6 +116,18 @@ def plain_state_evidence(surfaces, passes, owned, fields, cell, beams, values, l
     return at_ends.sum(axis=1), through.sum(axis=1), n_beams, told
 
 
+def plain_clips(behind, crossings, through, apart, width):
+    """Beams that went through, in groups of those that cross walls near one another; which groups are not wide."""
+    clips = [False] * len(behind)
+    beams = np.flatnonzero(behind > through)
+    steps = np.hypot(*np.diff(crossings[beams], axis=0).T)
+    for group in np.split(beams, np.flatnonzero(steps > apart) + 1):
+        if group.size and np.hypot(*np.ptp(crossings[group], axis=0)) < width:
+            for beam in group:
+                clips[beam] = True
+    return clips
+
+
 def plain_staying(points, cell, cells_at_once, now, limits, is_fixed, first, last):
     """Whether each point belongs to what has stayed; cells in view are labelled, notes are taken as in the kernel."""
     around = np.ones((3, 3))
