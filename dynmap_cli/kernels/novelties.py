@@ -11,6 +11,43 @@ from dynmap_cli.kernels.jit import kernel
 
 
 @kernel
+def clip_edges(behind_m: F64, crossings_m: F64, limits: F64, out: B1) -> None:
+    """Write which beams only clip the edge of a wall: they cross it in a place that is hardly wide.
+
+    Parameters
+    ----------
+    behind_m : (n,) float64
+        How far behind the first wall on its way each beam ends, in the order of the beams.
+    crossings_m : (n, 2) float64
+        Where it crosses that wall.
+    limits : (3,) float64
+        Metres behind a wall from which on a beam went through; between crossings next to each other that are in one
+        place at most; and, from corner to corner of what holds them, of a place that is an edge.
+    out : (n,) bool
+    """
+    out[:] = False
+    start = 0
+    while start < behind_m.size:
+        if not behind_m[start] > limits[0]:
+            start += 1
+            continue
+        low_x, low_y = crossings_m[start]
+        high_x, high_y, last, end = low_x, low_y, start, start + 1
+        while end < behind_m.size:
+            if behind_m[end] > limits[0]:
+                x, y = crossings_m[end]
+                if math.hypot(x - crossings_m[last, 0], y - crossings_m[last, 1]) > limits[1]:
+                    break
+                low_x, low_y, high_x, high_y = min(low_x, x), min(low_y, y), max(high_x, x), max(high_y, y)
+                last = end
+            end += 1
+        if math.hypot(high_x - low_x, high_y - low_y) < limits[2]:
+            for k in range(start, end):
+                out[k] = behind_m[k] > limits[0]
+        start = end
+
+
+@kernel
 def _take_connected(open_cells: B1, row: int, col: int, reached: I64) -> int:
     """Close the open cells that touch one another from (row, col) on, also at corners; write and count them."""
     rows, cols = open_cells.shape

@@ -103,6 +103,69 @@ def first_crossing(
 
 
 @kernel
+def passing_share(
+    surfaces: U8,
+    passes: F32,
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    length: float,
+    beyond: float,
+    least_sine: float,
+) -> tuple[float, float]:
+    """Where a beam enters a grid, in cells, and how likely one gets as far as this one.
+
+    What is solid lets some beams through: panes that mirror only from the front, shelves, legs of chairs. So of each
+    surface that the beam crosses, see `first_crossing`, the share of beams counts that passed its cells before; none
+    passed where nobody has seen what lies behind.
+
+    Parameters
+    ----------
+    surfaces, x, y, dx, dy, length, least_sine
+        As for `first_crossing`.
+    passes : (rows, cols) float32
+        Share of the beams that pass each cell; NaN in cells without a surface that no beam has reached.
+    beyond : float
+        A cell is crossed by a beam that goes on this far behind where it enters it, cells.
+
+    Returns
+    -------
+    enter, share : float
+        Distance at which the beam enters the grid, +inf where it does not within its length; share of beams.
+    """
+    rows, cols = surfaces.shape
+    enter_x, leave_x = _stretch_inside(x, dx, cols)
+    enter_y, leave_y = _stretch_inside(y, dy, rows)
+    enter, leave = max(0.0, enter_x, enter_y), min(length, leave_x, leave_y)
+    if enter >= leave:
+        return math.inf, 1.0
+    col = min(max(int(math.floor(x + dx * enter)), 0), cols - 1)
+    row = min(max(int(math.floor(y + dy * enter)), 0), rows - 1)
+    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    next_x, delta_x = _first_border(x, dx, col)
+    next_y, delta_y = _first_border(y, dy, row)
+    at, share = enter, 1.0
+    while at < leave and at + beyond <= length and 0 <= col < cols and 0 <= row < rows:
+        code = surfaces[row, col]
+        if code != 0:
+            along = math.radians(code - 1.0)
+            if code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine:
+                share *= passes[row, col]
+        elif share < 1.0 and math.isnan(passes[row, col]):
+            share = 0.0
+        if next_x < next_y:
+            col += step_col
+            at = next_x
+            next_x += delta_x
+        else:
+            row += step_row
+            at = next_y
+            next_y += delta_y
+    return enter, share
+
+
+@kernel
 def walls_crossed(
     surfaces: U8,
     cell: F64,
@@ -144,6 +207,7 @@ def walls_crossed(
 @kernel
 def weigh_states(
     surfaces: U8,
+    passes: F32,
     owned: B1,
     pool: F32,
     field_start: I64,
@@ -166,6 +230,8 @@ def weigh_states(
     ----------
     surfaces : (n_states, rows, cols) uint8
         As for `first_crossing`.
+    passes : (n_states, rows, cols) float32
+        As for `passing_share`.
     owned : (rows, cols) bool
     pool : (n,) float32
         Log-likelihood of an end, in which the field of each state starts at *field_start* (n_states,) int64.
@@ -202,7 +268,9 @@ def weigh_states(
         inside = hits[beam] and 0 <= row < rows and 0 <= col < cols and owned[row, col]
         lowest, highest = math.inf, -math.inf
         for state in range(field_start.size):
-            enter, crossed = first_crossing(surfaces[state], x, y, dx, dy, length / cell[2], limits[0])
+            enter, share = passing_share(
+                surfaces[state], passes[state], x, y, dx, dy, length / cell[2], limits[1] / cell[2], limits[0]
+            )
             if not enter * cell[2] <= limits[2]:
                 break
             end = values[0]
@@ -211,9 +279,10 @@ def weigh_states(
                 end = np.float64(pool[field_start[state] + row * cols + col])
                 said[state] = end
                 at_ends[state] += end
-            if crossed * cell[2] + limits[1] <= length:
-                through[state] += values[1] - end
-                said[state] += values[1] - end
+            if share < 1.0:
+                more = math.log(share + (1.0 - share) * math.exp(values[1] - end))
+                through[state] += more
+                said[state] += more
             lowest, highest = min(lowest, said[state]), max(highest, said[state])
         if highest - lowest >= limits[3]:
             n_beams += 1
@@ -280,6 +349,8 @@ def sort_beams(
     other: B1,
     behind_m: F64,
     in_free: B1,
+    on_map: B1,
+    clips: B1,
     limits: F64,
     counts: I64,
     things: B1,
@@ -289,9 +360,9 @@ def sort_beams(
 
     Parameters
     ----------
-    hits, now, other, in_free : (n,) bool
+    hits, now, other, in_free, on_map, clips : (n,) bool
         Whether a beam hit something; its end is explained by the likeliest states, or by others only; it ends where
-        the map is free.
+        the map is free; it ends on what is in the map, in any state; what it went through is the edge of a wall only.
     behind_m : (n,) float64
         How far behind the first wall on its way it ends.
     limits : (2,) float64
@@ -301,13 +372,13 @@ def sort_beams(
         a wall into the free, those that went through one to where the map knows nothing, and those that did neither
         and end where the map knows nothing.
     things, openings : (n,) bool
-        Unexplained and through nothing; through a wall.
+        Unexplained and through no more than an edge, or through nothing and not on the map; through a wall.
     """
     counts[:] = 0
     for k in range(hits.size):
         unexplained = hits[k] and not (now[k] or other[k])
         through = behind_m[k] > limits[0]
-        things[k] = unexplained and not through
+        things[k] = (unexplained and clips[k]) or (hits[k] and not on_map[k] and not through)
         openings[k] = hits[k] and behind_m[k] > limits[1]
         counts[0] += hits[k]
         counts[1] += hits[k] and now[k]
@@ -315,4 +386,4 @@ def sort_beams(
         counts[3] += unexplained
         counts[4] += unexplained and through and in_free[k]
         counts[5] += unexplained and through and not in_free[k]
-        counts[6] += things[k] and not in_free[k]
+        counts[6] += unexplained and not through and not in_free[k]

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
+from dynmap_cli.kernels.novelties import clip_edges
 from dynmap_cli.kernels.sweeps import are_marked, explain_by_states, sort_beams, walls_crossed
 from dynmap_cli.localization.map_pool import MapPool
 from dynmap_cli.localization.particle_filter import ONE_MODE_SHARE, Estimate
@@ -33,6 +34,8 @@ from dynmap_cli.localization.states import BEYOND_M, LEAST_SINE, PlacedSweep
 OVERSHOOT_M = 0.5
 APART_M = 0.6
 """Beams next to each other that cross walls further apart than this go through in two places."""
+CLIPPED_M = 0.2
+"""Beams that go through a wall in a narrower place clip its edge: a thing behind it is seen past the wall."""
 SCANS = 6
 UNEXPLAINED_WEIGHT, THROUGH_WEIGHT, OPENED_WEIGHT = 5.0, 25.0, 5.0
 """Of the share of the judged beams that end on nothing in the open, that go through a wall and end where the map
@@ -43,6 +46,7 @@ DOUBT, LOST = 1.2, 2.5
 """Of the mean of the lost measure: from where on the map is searched for a better pose, and from where on
 the robot is lost even if there is none."""
 _BEHIND_M = np.array([OVERSHOOT_M, BEYOND_M])
+_EDGE_M = np.array([OVERSHOOT_M, APART_M, CLIPPED_M])
 CHANGED_SHARE = 0.05
 SEARCH_AFTER = 3
 """Updates in a row in doubt before the whole map is searched; doubled after each search."""
@@ -116,19 +120,27 @@ def scan_health(
     crossings, behind_m = _walls_crossed(placed, pool)
     counts, (is_thing, is_opening) = np.empty(7, dtype=np.int64), np.empty((2, now.size), dtype=np.bool_)
     in_free = _in_free(placed.ends_m, pool)
-    sort_beams(placed.hits, now, other, behind_m, in_free, _BEHIND_M, counts, is_thing, is_opening)
+    on_map = np.logical_or(*_explained(placed.ends_m, pool, likeliest, closely=True))
+    clips = np.empty_like(now)
+    clip_edges(behind_m, crossings, _EDGE_M, clips)
+    sort_beams(
+        placed.hits, now, other, behind_m, in_free, on_map, clips, _BEHIND_M, counts, is_thing, is_opening
+    )
     n_hits, explained, by_other, unexplained, into_free, opened, off_map = counts.tolist()
     n_hits = max(n_hits, 1)
-    things = novelties.things.staying(placed.ends_m[is_thing], now_s)
-    openings = novelties.openings.staying(crossings[is_opening], now_s)
+    is_opening[is_opening] = novelties.openings.see(crossings[is_opening], now_s)
+    is_thing[is_thing] = novelties.things.see(placed.ends_m[is_thing], now_s)
+    is_thing &= ~is_opening
     return ScanHealth(
         explained=explained / n_hits,
         explained_by_other_state=by_other / n_hits,
         unexplained=unexplained / n_hits,
         through=into_free / n_hits,
         opened=opened / n_hits,
-        changed=(len(things) + len(openings)) / n_hits,
-        where=main_place(things, openings, [pool.submaps[number] for number in likeliest]),
+        changed=int((is_thing | is_opening).sum()) / n_hits,
+        where=main_place(
+            placed.ends_m[is_thing], crossings[is_opening], [pool.submaps[number] for number in likeliest]
+        ),
         off_map=off_map / n_hits,
     )
 
@@ -240,13 +252,16 @@ def _count_places(crossings_m: F64) -> int:
     return 1 + int((np.hypot(steps[:, 0], steps[:, 1]) > APART_M).sum())
 
 
-def _explained(ends_m: F64, pool: MapPool, likeliest: Mapping[int, int]) -> tuple[B1, B1]:
-    """Which ends lie near something in the likeliest states, and which only in other states."""
+def _explained(
+    ends_m: F64, pool: MapPool, likeliest: Mapping[int, int], *, closely: bool = False
+) -> tuple[B1, B1]:
+    """Which ends lie near something in the likeliest states, or *closely* on it, and which only in other states."""
     now, other = np.empty(len(ends_m), dtype=np.bool_), np.zeros(len(ends_m), dtype=np.bool_)
-    are_marked(ends_m, pool.frame.corner, pool.explained, now)
+    are_marked(ends_m, pool.frame.corner, pool.on_map if closely else pool.explained, now)
     for number, state in likeliest.items():
         submap = pool.submaps[number]
-        explain_by_states(ends_m, submap.frame.corner, submap.owned, submap.explained, state, now, other)
+        near = submap.on_map if closely else submap.explained
+        explain_by_states(ends_m, submap.frame.corner, submap.owned, near, state, now, other)
     return now, other
 
 

@@ -17,14 +17,16 @@ from dynmap_cli.localization.combinations import SOLID_REFLECTANCE, on_in_patche
 from dynmap_cli.localization.priors import prior_by_hour
 from dynmap_cli.localization.sensor import end_log_likelihood
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.surfaces import surface_codes
 
 EXPLAINED_M = 0.2
-"""An end this close to something in the map is explained by it."""
+"""An end this close to something in the map is explained by it: says nothing against a pose."""
+ON_MAP_M, ON_MAP_CELLS = 0.12, 1.5
+"""An end further away than both from all there is in the map may show something that stands before a wall."""
 BESIDE_CELLS = 2
 """So far beside what differs between states its edges may lie, as visits lie up to a cell apart."""
 MARGIN_M = 1.0
 """Around the map, so that ends just beyond a wall at its edge are still near it."""
-FROM_ALL_SIDES = 255
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +50,12 @@ class SubMapStates:
         The fields, not as logarithms, for mixing.
     explained : (n_states, rows, cols) bool
         Cells within `EXPLAINED_M` of something in the map in that state.
+    on_map : (n_states, rows, cols) bool
+        Cells from which it is not further than `ON_MAP_M` or `ON_MAP_CELLS`.
     surfaces : (n_states, rows, cols) uint8
         What blocks beams in each state, see `surface_codes`.
+    passes : (n_states, rows, cols) float32
+        Share of the beams that pass each cell in each state; NaN where nothing is and none came.
     prior : (25, n_states) float64
         Belief before the first look, by hour of the day, see `prior_by_hour`.
     stay_probability : float
@@ -70,7 +76,9 @@ class SubMapStates:
     field_start: I64
     likelihoods: F32
     explained: B1
+    on_map: B1
     surfaces: U8
+    passes: F32
     prior: F64
     stay_probability: float
     drawn: F64
@@ -111,8 +119,8 @@ class MapPool:
         A blunter field of the union of all states, for the lattice of a global start.
     free : (rows, cols) bool
         Where the robot may be.
-    explained : (rows, cols) bool
-        Cells within `EXPLAINED_M` of the static map.
+    explained, on_map : (rows, cols) bool
+        Cells near the static map, as for `SubMapStates`.
     surfaces : (rows, cols) uint8
         What blocks beams for good: the map without the rectangles.
     submaps : tuple of SubMapStates
@@ -125,6 +133,7 @@ class MapPool:
     start_field: F32
     free: B1
     explained: B1
+    on_map: B1
     surfaces: U8
     submaps: tuple[SubMapStates, ...]
     log_pass: F32 | None = None
@@ -189,41 +198,13 @@ def make_map_pool(
         start_field=end_log_likelihood(union_distance, blunt, settings).ravel(),
         free=(cells == FREE) | ((owner >= 0) & ~union),
         explained=distance <= EXPLAINED_M,
+        on_map=distance <= _on_map_m(frame),
         surfaces=surface_codes(static),
         submaps=tuple(submaps),
     )
     for number, submap in enumerate(pool.submaps):
         pool.paint(number, np.full(submap.n_states, 1.0 / submap.n_states))
     return pool
-
-
-def surface_codes(solid: B1) -> U8:
-    """Direction of the surface through each solid cell, from the solid cells of the 5 x 5 around it.
-
-    Returns
-    -------
-    (rows, cols) uint8
-        0 = not solid; 1 to 180 = direction of the surface in degrees plus one; `FROM_ALL_SIDES` where
-        the cells around form no line.
-    """
-    rows, cols = np.nonzero(solid)
-    padded = np.pad(solid, 2)
-    offsets = np.arange(-2, 3)
-    dy, dx = (axis.ravel().astype(np.float64) for axis in np.meshgrid(offsets, offsets, indexing="ij"))
-    around = np.stack(
-        [padded[rows + 2 + int(a), cols + 2 + int(b)] for a, b in zip(dy, dx, strict=True)], axis=-1
-    ).astype(np.float64)
-    count = np.maximum(around.sum(axis=1), 1.0)
-    mean_x, mean_y = around @ dx / count, around @ dy / count
-    xx = around @ dx**2 / count - mean_x**2
-    yy = around @ dy**2 / count - mean_y**2
-    xy = around @ (dx * dy) / count - mean_x * mean_y
-    angle_deg = np.degrees(0.5 * np.arctan2(2.0 * xy, xx - yy)) % 180.0
-    elongation = np.hypot(xx - yy, 2.0 * xy) / np.maximum(xx + yy, 1e-9)
-    codes = np.zeros(solid.shape, dtype=np.uint8)
-    is_line = (count >= 3) & (elongation >= 0.5)
-    codes[rows, cols] = np.where(is_line, np.minimum(angle_deg, 179.0).astype(np.int64) + 1, FROM_ALL_SIDES)
-    return codes
 
 
 def _common_frame(frame: GridFrame, sets: Sequence[PatchSet]) -> GridFrame:
@@ -294,7 +275,12 @@ def _owners(frame: GridFrame, sets: Sequence[PatchSet], solid: Sequence[B1], occ
 
 
 def _solid_states(patch_set: PatchSet) -> B1:
-    """(n_states, rows, cols) what is solid in each state.
+    """(n_states, rows, cols) what is solid in each state."""
+    return np.asarray(_reflectances(patch_set) >= SOLID_REFLECTANCE)
+
+
+def _reflectances(patch_set: PatchSet) -> F64:
+    """(n_states, rows, cols) share of the beams that end in each cell.
 
     A cell that a state leaves open is taken from the mean of the others: what is not known must not tell
     states apart.
@@ -302,7 +288,13 @@ def _solid_states(patch_set: PatchSet) -> B1:
     values = np.stack([patch.reflectance for patch in patch_set.patches]).astype(np.float64)
     known = np.isfinite(values)
     mean = np.where(known, values, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.asarray(np.where(known, values, mean) >= SOLID_REFLECTANCE)
+    return np.asarray(np.where(known, values, mean))
+
+
+def _passes(patch_set: PatchSet, solid: B1) -> F32:
+    """(n_states, rows, cols) share of the beams that pass each cell; NaN where nothing is solid and none came."""
+    came = np.isfinite([patch.reflectance for patch in patch_set.patches])
+    return np.where(came | solid, 1.0 - _reflectances(patch_set), np.nan).astype(np.float32)
 
 
 def _union(static: B1, owner: I32, sets: Sequence[PatchSet], solid: Sequence[B1], frame: GridFrame) -> B1:
@@ -319,6 +311,11 @@ def _distance_m(solid: B1, resolution_m: float) -> F64:
     if not bool(solid.any()):
         return np.full(solid.shape, np.inf)
     return np.asarray(ndimage.distance_transform_edt(~solid) * resolution_m)
+
+
+def _on_map_m(frame: GridFrame) -> float:
+    """How far from a solid cell an end is still on it, metres."""
+    return max(ON_MAP_M, ON_MAP_CELLS * frame.resolution_m)
 
 
 def _far_at_the_border(distance_m: F64) -> F64:
@@ -373,7 +370,9 @@ def _submap_states(
         field_start=start + n_cells * np.arange(len(patch_set.patches), dtype=np.int64),
         likelihoods=np.exp(fields),
         explained=distance <= EXPLAINED_M,
+        on_map=distance <= _on_map_m(frame),
         surfaces=np.stack(surfaces).astype(np.uint8),
+        passes=_passes(patch_set, solid),
         prior=prior_by_hour(patch_set.patches, settings.prior),
         stay_probability=patch_set.stay_probability,
         drawn=prior_by_hour(patch_set.patches, "uniform")[-1],

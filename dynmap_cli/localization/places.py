@@ -99,10 +99,6 @@ class NovelPlaces:
             )
         return staying
 
-    def staying(self, points_m: F64, now_s: float) -> F64:
-        """Note points (n, 2); return those (m, 2) that belong to what has stayed for `STAYS_S`."""
-        return points_m[self.see(points_m, now_s)]
-
 
 def main_place(things_m: F64, openings_m: F64, submaps: Sequence[SubMapStates]) -> Place | None:
     """Where most of the points are that show a thing (n, 2) or an opening (m, 2) that the map has not."""

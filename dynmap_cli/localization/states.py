@@ -97,13 +97,15 @@ def state_evidence(
     """Compare the states of a sub-map under one scan.
 
     A likelihood field alone cannot see that a door opened, because nothing explains a scan better than
-    an empty patch does. So a beam that went through something solid gets the value of an end far from
-    everything, instead of that of its end (inside) or of an end on the map (behind the rectangle).
+    an empty patch does. So a beam that went through something solid, of which a share p of the beams passed when the
+    state was mapped, has the likelihood p L + (1 - p) L_far: L of its end (inside), or of an end on the map (behind
+    the rectangle), and L_far of one far from everything.
     """
     at_ends, through = np.empty((2, submap.n_states))
     told = np.zeros(submap.n_objects, dtype=np.int64)
     n_beams = weigh_states(
         submap.surfaces,
+        submap.passes,
         submap.owned,
         pool.pool,
         submap.field_start,

@@ -7,18 +7,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import transform_points
-from dynmap_cli.kernels.novelties import see_places
+from dynmap_cli.kernels.novelties import clip_edges, see_places
 from dynmap_cli.kernels.sweeps import (
     are_marked,
     explain_by_states,
     first_crossing,
+    passing_share,
     place_beams,
     sort_beams,
     walls_crossed,
     weigh_states,
 )
 from tests.reference.localization import (
+    plain_clips,
     plain_first_crossing,
+    plain_passing_share,
     plain_state_evidence,
     plain_staying,
 )
@@ -51,6 +54,13 @@ def surfaces_of(random, shape):
     return np.where(random.random(shape) < 0.15, codes, 0).astype(np.uint8)
 
 
+def passes_of(random, surfaces):
+    shares = random.random(surfaces.shape)
+    return np.where((random.random(surfaces.shape) < 0.1) & (surfaces == 0), np.nan, shares).astype(
+        np.float32
+    )
+
+
 @given(st.integers(0, 10_000))
 @settings(max_examples=30)
 def test_first_crossing_is_its_plain_twin(seed):
@@ -71,6 +81,29 @@ def _grazes_a_corner(x, y, direction, at):
     """Whether the twin may have stepped over a cell that the ray only touches."""
     px, py = x + at * math.cos(direction), y + at * math.sin(direction)
     return (abs(px - round(px)) < 0.02 and abs(py - round(py)) < 0.02) or at > 11.99
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30)
+def test_the_share_of_beams_that_pass_is_its_plain_twin(seed):
+    random = np.random.default_rng(seed)
+    surfaces = surfaces_of(random, (9, 11))
+    passes = passes_of(random, surfaces)
+    x, y = random.uniform(-4, 15), random.uniform(-4, 13)
+    direction, beyond = random.uniform(-np.pi, np.pi), random.uniform(0.0, 6.0)
+    ahead = math.cos(direction), math.sin(direction)
+    enter, share = passing_share(surfaces, passes, x, y, *ahead, 12.0, beyond, 0.34)
+    entered, twin = plain_passing_share(surfaces, passes, x, y, direction, 12.0, beyond, 0.34, 2e-3)
+    corners = np.argwhere(np.ones((10, 12)))[:, ::-1] - (x, y)
+    if np.abs(corners @ (-ahead[1], ahead[0])).min() > 0.02:  # else the twin may step over a cell
+        assert math.isinf(entered) if enter > 11.99 else abs(enter - entered) < 5e-3
+        assert math.isclose(share, twin, rel_tol=1e-6) or _ends_at_a_border(x, y, ahead, 12.0 - beyond)
+
+
+def _ends_at_a_border(x, y, ahead, at):
+    """Whether it is a matter of one step of the twin which cells are crossed."""
+    point = x + at * ahead[0], y + at * ahead[1]
+    return min(abs(value - round(value)) for value in point) < 0.01
 
 
 def test_a_beam_that_slides_along_a_wall_crosses_nothing():
@@ -102,6 +135,7 @@ def test_what_a_scan_says_of_states_is_its_plain_twin(seed):
     random = np.random.default_rng(seed)
     shape, n_states, n = (9, 11), int(random.integers(1, 4)), 12
     surfaces, owned = surfaces_of(random, (n_states, *shape)), random.random(shape) < 0.6
+    passes = passes_of(random, surfaces)
     fields = random.normal(-2.0, 1.0, (n_states, *shape)).astype(np.float32)
     pool = np.concatenate([np.zeros(50, np.float32), fields.ravel()])
     start = 50 + 99 * np.arange(n_states)
@@ -113,9 +147,9 @@ def test_what_a_scan_says_of_states_is_its_plain_twin(seed):
     at_ends, through, told = np.empty(n_states), np.empty(n_states), np.empty(2, np.int64)
     switches = np.array([[thing, *random.integers(n_states, size=2)] for thing in (0, 0, 1)], dtype=np.int64)
     out = at_ends, through, told
-    count = weigh_states(surfaces, owned, pool, start, CELL, *beams, values, limits, switches, *out)
+    count = weigh_states(surfaces, passes, owned, pool, start, CELL, *beams, values, limits, switches, *out)
     expected = plain_state_evidence(
-        surfaces, owned, fields, CELL, beams, values, limits, switches, first_crossing
+        surfaces, passes, owned, fields, CELL, beams, values, limits, switches, passing_share
     )
     np.testing.assert_allclose(at_ends, expected[0], atol=1e-9)
     np.testing.assert_allclose(through, expected[1], atol=1e-9)
@@ -126,18 +160,29 @@ def test_what_a_scan_says_of_states_is_its_plain_twin(seed):
 @given(st.integers(0, 10_000), st.integers(0, 30))
 def test_every_beam_is_sorted_once(seed, n):
     random = np.random.default_rng(seed)
-    hits, now, other, in_free = random.random((4, n)) < 0.5
+    hits, now, other, in_free, on_map, clips = random.random((6, n)) < 0.5
     other &= ~now
     behind = np.where(random.random(n) < 0.3, -np.inf, random.uniform(-1.0, 2.0, n))
     through = behind > 0.5
     counts, things, openings = np.empty(7, np.int64), np.empty(n, bool), np.empty(n, bool)
-    sort_beams(hits, now, other, behind, in_free, np.array([0.5, 0.3]), counts, things, openings)
+    out = counts, things, openings
+    sort_beams(hits, now, other, behind, in_free, on_map, clips, np.array([0.5, 0.3]), *out)
     new = hits & ~(now | other)
     masks = (hits, hits & now, hits & other, new, new & through & in_free, new & through & ~in_free)
     expected = [int(mask.sum()) for mask in masks]
     assert counts.tolist() == [*expected, int((new & ~through & ~in_free).sum())]
-    assert things.tolist() == (new & ~through).tolist()
+    assert things.tolist() == ((new & clips) | (hits & ~on_map & ~through)).tolist()
     assert openings.tolist() == (hits & (behind > 0.3)).tolist()
+
+
+@given(st.integers(0, 10_000), st.integers(0, 30))
+def test_beams_that_clip_edges_are_their_plain_twin(seed, n):
+    random = np.random.default_rng(seed)
+    behind = np.where(random.random(n) < 0.3, -np.inf, random.uniform(-1.0, 2.0, n))
+    crossings = np.cumsum(random.exponential(0.15, (n, 2)) * (random.random((n, 1)) < 0.7), axis=0)
+    out = np.empty(n, bool)
+    clip_edges(behind, crossings, np.array([0.5, 0.6, 0.2]), out)
+    assert out.tolist() == plain_clips(behind, crossings, 0.5, 0.6, 0.2)
 
 
 @given(st.integers(0, 10_000), st.integers(1, 3), st.integers(1, 3), st.booleans())

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.kernels.novelties import clip_edges
 from dynmap_cli.localization.health import (
+    APART_M,
+    CLIPPED_M,
     DOUBT,
     LOST,
+    OVERSHOOT_M,
     SEARCH_AFTER,
     SETTLED_AFTER,
     Novelties,
@@ -23,7 +28,7 @@ from dynmap_cli.localization.places import LEAST_BEAMS, NovelPlaces, main_place
 from dynmap_cli.localization.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import place_sweep
-from tests.localization.test_states import POSE, evidence, log_of, world
+from tests.localization.test_states import BEARINGS, POSE, evidence, log_of, ranges_in, world
 
 FRAME = GridFrame(0.1, 0.0, 0.0, 50, 50)
 SETTINGS = LocalizationSettings()
@@ -35,6 +40,31 @@ def health_at(pose, shut, state):
     pool = make_map_pool(grid, [patch_set], SETTINGS)
     placed = place_sweep(sweep_of(log_of([shut]), 0, 30.0), np.asarray(pose))
     return scan_health(placed, pool, {0: state}, Novelties(pool), 0.0)
+
+
+def changed_after_a_while(pool, ranges):
+    """Share of the beams that show a change, when a robot stands and sees the same for six seconds."""
+    log = single_laser_log(np.zeros(1, dtype=np.int64), ranges[None, :], BEARINGS, np.zeros((1, 3)))
+    placed, novelties = place_sweep(sweep_of(log, 0, 30.0), POSE), Novelties(pool)
+    return [scan_health(placed, pool, {0: 0}, novelties, 0.5 * k) for k in range(12)][-1].changed
+
+
+def test_a_thing_that_stands_close_to_a_wall_is_a_change_and_the_wall_is_not():
+    grid, patch_set = world()
+    pool, wall = make_map_pool(grid, [patch_set], SETTINGS), ranges_in(True)
+    ahead = np.abs(BEARINGS) > np.radians(60.0)
+    assert changed_after_a_while(pool, wall) == 0.0
+    assert changed_after_a_while(pool, wall - 0.05 * ahead) == 0.0
+    assert changed_after_a_while(pool, wall - 0.22 * ahead) > 0.2
+
+
+def test_a_thing_behind_the_edge_of_a_wall_is_a_thing_and_one_behind_its_middle_is_not():
+    limits = np.array([OVERSHOOT_M, APART_M, CLIPPED_M])
+    behind, along = np.full(6, 1.0), np.column_stack([np.full(6, 3.0), np.arange(6.0)])
+    for step_m, is_edge in ((0.03, True), (0.1, False)):
+        clips = np.empty(6, dtype=bool)
+        clip_edges(behind, step_m * along, limits, clips)
+        assert clips.tolist() == [is_edge] * 6
 
 
 def estimate(share=1.0, spread_m=0.05):

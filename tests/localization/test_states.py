@@ -10,10 +10,11 @@ from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.localization.map_pool import FROM_ALL_SIDES, make_map_pool, surface_codes
+from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.states import entropy_bits, place_sweep, state_evidence, update_belief
+from dynmap_cli.localization.surfaces import FROM_ALL_SIDES, surface_codes
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.localization.transitions import predict_belief
 from dynmap_cli.localization.world import World
@@ -41,7 +42,7 @@ def world(with_unknown=False):
     values = []
     for shut in (True, False):
         cut = room(shut)[19:33, 39:44]
-        values.append(np.where(cut == OCCUPIED, 0.9, 0.02).astype(np.float32))
+        values.append(np.where(cut == OCCUPIED, 0.98, 0.02).astype(np.float32))
     if with_unknown:
         values[1][:] = np.nan
     patches = tuple(Patch(k + 5, 3, v) for k, v in enumerate(values))
@@ -92,6 +93,20 @@ def test_the_ends_alone_cannot_see_that_a_door_opened_but_the_crossings_can():
     said = evidence(False, settings, make_map_pool(grid, [patch_set], settings))
     assert abs(said.at_ends[0] - said.at_ends[1]) < 1.0
     assert said.through[0] < said.through[1] - 10.0
+
+
+def test_who_looks_through_what_lets_beams_pass_learns_less_than_who_looks_through_a_door():
+    settings = LocalizationSettings()
+    said = []
+    for solid in (0.98, 0.4):
+        grid, patch_set = world()
+        pane = patch_set.patches[0]
+        values = np.where(pane.reflectance > 0.5, solid, pane.reflectance).astype(np.float32)
+        panes = replace(patch_set, patches=(replace(pane, reflectance=values), *patch_set.patches[1:]))
+        said.append(evidence(False, settings, make_map_pool(grid, [panes], settings)).through[0])
+    n_beams = round(said[1] / math.log(0.6 + 0.4 / 31.0))
+    assert n_beams > 5
+    assert said[0] < 4.0 * said[1] < 0.0
 
 
 def test_what_a_state_does_not_know_tells_it_from_no_other():

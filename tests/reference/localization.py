@@ -73,7 +73,24 @@ def plain_first_crossing(surfaces, x, y, direction, length, least_sine, step=1e-
     return entered, crossed
 
 
-def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, switches, crossing):
+def plain_passing_share(surfaces, passes, x, y, direction, length, beyond, least_sine, step=1e-3):
+    """Walk along the ray in tiny steps; entry into the grid, and product over the cells of surfaces that it crosses."""
+    rows, cols = surfaces.shape
+    entered, crossed = math.inf, {}  # cells with their shares, in the order of the way
+    for k in range(int(length / step)):
+        at = (k + 0.5) * step
+        col, row = math.floor(x + at * math.cos(direction)), math.floor(y + at * math.sin(direction))
+        if not (0 <= row < rows and 0 <= col < cols):
+            continue
+        entered = min(entered, at)
+        code = int(surfaces[row, col])
+        blocks = code == 255 or (code > 0 and abs(math.sin(direction - math.radians(code - 1))) >= least_sine)
+        if at + beyond <= length and (blocks or (code == 0 and crossed and math.isnan(passes[row, col]))):
+            crossed[row, col] = float(passes[row, col]) if blocks else 0.0
+    return entered, math.prod(crossed.values())
+
+
+def plain_state_evidence(surfaces, passes, owned, fields, cell, beams, values, limits, switches, passing):
     """What each state says of the ends, and of beams that went through something; beams that tell states apart."""
     sensor, directions, lengths, ends, hits = beams
     n_states, n = len(surfaces), len(lengths)
@@ -81,14 +98,15 @@ def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, s
     (x, y), size = (sensor - cell[:2]) / cell[2], cell[2]
     for state, beam in itertools.product(range(n_states), range(n)):
         ahead = math.cos(directions[beam]), math.sin(directions[beam])
-        enter, crossed = crossing(surfaces[state], x, y, *ahead, lengths[beam] / size, limits[0])
+        way = (lengths[beam] / size, limits[1] / size, limits[0])
+        enter, share = passing(surfaces[state], passes[state], x, y, *ahead, *way)
         if enter * size > limits[2]:
             continue
         col, row = (math.floor(v) for v in (ends[beam] - cell[:2]) / size)
         is_in = 0 <= row < owned.shape[0] and 0 <= col < owned.shape[1] and hits[beam] and owned[row, col]
-        end = fields[state, row, col] if is_in else values[0]
+        end = float(fields[state, row, col]) if is_in else values[0]
         at_ends[state, beam] = end if is_in else 0.0
-        through[state, beam] = values[1] - end if crossed * size + limits[1] <= lengths[beam] else 0.0
+        through[state, beam] = math.log(share * math.exp(end) + (1.0 - share) * math.exp(values[1])) - end
     said = at_ends + through
     n_beams = int((np.ptp(said, axis=0) >= limits[3]).sum())
     told = []
@@ -96,6 +114,18 @@ def plain_state_evidence(surfaces, owned, fields, cell, beams, values, limits, s
         apart = [abs(said[on] - said[off]) >= limits[3] for number, on, off in switches if number == thing]
         told.append(int(np.any(apart, axis=0).sum()))
     return at_ends.sum(axis=1), through.sum(axis=1), n_beams, told
+
+
+def plain_clips(behind, crossings, through, apart, width):
+    """Beams that went through, in groups of those that cross walls near one another; which groups are not wide."""
+    clips = [False] * len(behind)
+    beams = np.flatnonzero(behind > through)
+    steps = np.hypot(*np.diff(crossings[beams], axis=0).T)
+    for group in np.split(beams, np.flatnonzero(steps > apart) + 1):
+        if group.size and np.hypot(*np.ptp(crossings[group], axis=0)) < width:
+            for beam in group:
+                clips[beam] = True
+    return clips
 
 
 def plain_staying(points, cell, cells_at_once, now, limits, is_fixed, first, last):
