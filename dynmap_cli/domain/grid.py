@@ -10,8 +10,8 @@ from dynmap_cli.arrays import F64, I8, I64
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """Values of a tri-state grid (int8)."""
-MAX_CELLS = 80_000_000
-"""No grid has more: 450 m x 450 m at 5 cm."""
+MAX_CELLS = 120_000_000
+"""No grid has more: 540 m x 540 m at 5 cm."""
 RESOLUTIONS_M = (0.001, 100.0)
 """Smallest and largest edge of a cell that is read."""
 FARTHEST_M = 1e7
@@ -90,7 +90,7 @@ def frame_around(points_m: F64, resolution_m: float, margin_m: float) -> GridFra
         msg = (
             f"poses and end points of beams span {width:.4g} m x {height:.4g} m around "
             f"({0.5 * (least[0] + most[0]):.4g}, {0.5 * (least[1] + most[1]):.4g}) m, "
-            f"{cells:.1e} cells of {resolution_m:g} m; a grid has at most {MAX_CELLS:.0e} cells "
+            f"{cells:.1e} cells of {resolution_m:g} m; a grid has at most {MAX_CELLS:.2g} cells "
             f"within {FARTHEST_M:.0e} m of the origin"
         )
         raise ValueError(msg)
