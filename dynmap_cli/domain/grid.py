@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I8, I64
+from dynmap_cli.arrays import F32, F64, I8, I64
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """Values of a tri-state grid (int8)."""
@@ -132,13 +132,19 @@ class CountingMap:
 
     @classmethod
     def of_grids(
-        cls, frame: GridFrame, static_hits: F64, dynamic_hits: F64, passed_cells: F64, centroids_m: F64
+        cls,
+        frame: GridFrame,
+        static_hits: F32 | F64,
+        dynamic_hits: F32 | F64,
+        passed_cells: F64,
+        centroids_m: F32 | F64,
     ) -> CountingMap:
         """The map of grids (rows, cols), of the centroids (rows, cols, 2)."""
         static, dynamic = static_hits.ravel(), dynamic_hits.ravel()
         cells = np.flatnonzero((static > 0) | (dynamic > 0))
-        centroids = np.where((static[cells] > 0)[:, None], centroids_m.reshape(-1, 2)[cells], np.nan)
-        return cls(frame, passed_cells, cells, static[cells], dynamic[cells], centroids)
+        alpha, others = static[cells].astype(np.float64), dynamic[cells].astype(np.float64)
+        centroids = np.where((alpha > 0)[:, None], centroids_m.reshape(-1, 2)[cells], np.nan)
+        return cls(frame, passed_cells, cells, alpha, others, centroids.astype(np.float64))
 
     @property
     def static_hits(self) -> F64:

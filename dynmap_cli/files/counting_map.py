@@ -76,8 +76,13 @@ def read_counting_map(path: Path) -> CountingMap:
             )
         centroids = arrays["centroids_m"]
         _check_values(centroids, "centroids_m", f"within {FARTHEST_M:g} m", ~(np.abs(centroids) > FARTHEST_M))
-        grids = {name: arrays[name].astype(np.float64) for name in _GRIDS}
-        return CountingMap.of_grids(_frame_of(arrays, shape), **grids)
+        return CountingMap.of_grids(
+            _frame_of(arrays, shape),
+            arrays["static_hits"],
+            arrays["dynamic_hits"],
+            arrays["passed_cells"].astype(np.float64),
+            centroids,
+        )
 
 
 def read_map_frame(path: Path) -> GridFrame:
