@@ -7,28 +7,38 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TypeAlias
 
 import numpy as np
-from scipy import ndimage
 
-from dynmap_cli.arrays import B1, F32, F64, I32, I64, U8
-from dynmap_cli.domain.grid import CountingMap, GridFrame, frame_around
-from dynmap_cli.domain.mapped import copied_rows
+from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.domain.grid import CountingMap, GridFrame
+from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.errors import LogError
-from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells, widen_bounds
-from dynmap_cli.kernels.counts import HIT_SUMS, add_sums, count_scans, scale_sums, sum_along_x, sum_along_y
+from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells
+from dynmap_cli.kernels.counts import (
+    DYNAMIC,
+    FIXED_ONE,
+    HIT_SUMS,
+    OFFSET_X,
+    OFFSET_Y,
+    STATIC,
+    add_hits,
+    add_sums,
+    count_scans,
+    sum_along_x,
+    sum_along_y,
+)
 
 Scans: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, F64, F64, float, float, float]
 SCANS_PER_CHUNK = 1024
 _LEAST_PER_THREAD = 100
 N_BANDS = 8
+_BYTES_PER_CELL, _MOST_BYTES_AT_ONCE = 24, 1 << 29
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
-_JUMP_M, _JUMP_MPS = 100.0, 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +104,11 @@ class Counter:
         rows, cols = frame.shape
         self._shapes = (rows + 1, cols + 2), (cols + 1, rows + 2)
         n_lengths = sum(height * width for height, width in self._shapes)
-        self._ends, self._crossings = (np.zeros(n_lengths, dtype=np.int64) for _ in range(2))
-        self._hits = np.zeros((rows * cols, HIT_SUMS), dtype=np.int64)
+        # Rays cross everything that was seen, but begin, end and hit something in few places.
+        self._crossings = np.zeros(n_lengths, dtype=np.int64)
+        self._ends = sparse_zeros(n_lengths, np.int64)
+        self._numbers = sparse_zeros(rows * cols, np.int32)
+        self._hits, self._n_hit = np.zeros((rows * cols + 1, HIT_SUMS), dtype=np.int64), 0
 
     def add(
         self,
@@ -137,7 +150,7 @@ class Counter:
                 reach = np.empty_like(ranges)
                 cut_at_walls(*scans, walls, reach)
                 np.copyto(ranges, reach, where=is_silent)
-            count_scans(
+            self._n_hit = count_scans(
                 ranges,
                 np.ones_like(ranges) if weights is None else np.array(weights[part], dtype=np.float32),
                 *scans[1:],
@@ -145,32 +158,51 @@ class Counter:
                 sign,
                 self._ends,
                 self._crossings,
+                self._numbers,
                 self._hits,
+                self._n_hit,
             )
 
     def merge(self, other: Counter, threads: int = 1) -> None:
         """Add the sums of another counter on the same grid."""
-        for mine, theirs in (
-            (self._ends, other._ends),
-            (self._crossings, other._crossings),
-            (self._hits.reshape(-1), other._hits.reshape(-1)),
-        ):
+        for mine, theirs in ((self._ends, other._ends), (self._crossings, other._crossings)):
             _in_bands(threads, mine.size, partial(add_sums, theirs), mine)
+        cells, hits = other._hits_of_cells()
+        self._n_hit = add_hits(hits, cells, self._numbers, self._hits, self._n_hit)
 
     def counting_map(self, threads: int = 1) -> CountingMap:
         """Turn the sums into hits, passed lengths and centroids."""
         frame = self.frame
         rows, cols = frame.shape
         lengths = np.zeros((rows, cols), dtype=np.int64)
-        static, dynamic, passed = (np.zeros((rows, cols)) for _ in range(3))
-        centroids = np.full((rows, cols, 2), np.nan)
         _in_bands(threads, rows, partial(sum_along_x, *self._grids(0)), lengths)
         _in_bands(threads, cols, partial(sum_along_y, *self._grids(1)), lengths)
-        scale = partial(
-            scale_sums, self._hits, lengths, frame.resolution_m, frame.origin_x_m, frame.origin_y_m
+        cells, hits = self._hits_of_cells()
+        static = hits[:, STATIC]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = hits[:, OFFSET_X] / static, hits[:, OFFSET_Y] / static
+        row, col = np.divmod(cells, cols)
+        return CountingMap(
+            frame,
+            _scaled(lengths),
+            cells,
+            static / FIXED_ONE,
+            hits[:, DYNAMIC] / FIXED_ONE,
+            np.stack(
+                [
+                    frame.origin_x_m + (col + x) * frame.resolution_m,
+                    frame.origin_y_m + (row + y) * frame.resolution_m,
+                ],
+                axis=-1,
+            ),
         )
-        _in_bands(threads, rows, scale, static, dynamic, passed, centroids)
-        return CountingMap(frame, static, dynamic, passed, centroids)
+
+    def _hits_of_cells(self) -> tuple[I64, I64]:
+        """(n,) cells in which beams ended, in ascending order, and their sums (n, HIT_SUMS)."""
+        cells = np.flatnonzero(self._numbers)
+        hits = self._hits[self._numbers[cells]]
+        is_hit = (hits[:, STATIC] != 0) | (hits[:, DYNAMIC] != 0)
+        return cells[is_hit], hits[is_hit]
 
     def _grids(self, axis: int) -> tuple[I64, I64]:
         """Ends and crossings of the rays whose major axis is x (0) or y (1)."""
@@ -178,6 +210,14 @@ class Counter:
         part = slice(size, None) if axis else slice(size)
         shape = self._shapes[axis]
         return self._ends[part].reshape(shape), self._crossings[part].reshape(shape)
+
+
+def _scaled(lengths: I64) -> F64:
+    """(rows, cols) cells for fixed-point lengths, whose memory they take; rounding can leave a length below 0."""
+    scaled = lengths.view(np.float64)
+    for row in range(lengths.shape[0]):
+        scaled[row] = np.maximum(lengths[row], 0) / FIXED_ONE
+    return scaled
 
 
 def _chunks(
@@ -244,8 +284,10 @@ def count_beams(
         As for `Counter.add`.
     threads : int
     """
-    threads = max(1, min(threads, log.n_scans // _LEAST_PER_THREAD))
-    n_parts = threads * math.ceil(log.n_scans / (threads * SCANS_PER_CHUNK))
+    # Each counter has a grid of its own: on a huge one they would take more memory than they save time.
+    n_counters = _MOST_BYTES_AT_ONCE // (_BYTES_PER_CELL * frame.rows * frame.cols)
+    n_counters = max(1, min(threads, log.n_scans // _LEAST_PER_THREAD, n_counters))
+    n_parts = n_counters * math.ceil(log.n_scans / (n_counters * SCANS_PER_CHUNK))
     bounds = np.linspace(0, log.n_scans, n_parts + 1).astype(int).tolist()
     parts = iter([slice(*pair) for pair in pairwise(bounds)])
 
@@ -263,11 +305,11 @@ def count_beams(
             )
         return counter
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        counts = [pool.submit(count) for _ in range(threads)]
-    total, *others = (done.result() for done in counts)
-    for other in others:
-        total.merge(other, threads)
+    with ThreadPoolExecutor(max_workers=n_counters) as pool:
+        counts = [done.result() for done in [pool.submit(count) for _ in range(n_counters)]]
+    total = counts.pop(0)
+    while counts:
+        total.merge(counts.pop(), threads)
     return total.counting_map(threads)
 
 
@@ -301,9 +343,13 @@ def _has_silent_beams(log: ScanLog) -> bool:
 
 def _walls_of(counts: CountingMap) -> U8:
     """1 (rows, cols) in and beside cells that reflect half of the beams."""
-    reflecting = counts.reflectance >= _WALL_REFLECTANCE
-    walls: B1 = ndimage.binary_dilation(reflecting, np.ones((3, 3), dtype=bool))
-    return walls.view(np.uint8)
+    rows, cols = counts.frame.shape
+    walls: U8 = sparse_zeros((rows, cols), np.uint8)
+    reflecting = counts.hit_cells[counts.reflectance_at_hits >= _WALL_REFLECTANCE]
+    row, col = np.divmod(reflecting, cols)
+    for up, right in product((-1, 0, 1), repeat=2):
+        walls[np.clip(row + up, 0, rows - 1), np.clip(col + right, 0, cols - 1)] = 1
+    return walls
 
 
 def end_cells(
@@ -330,54 +376,3 @@ def end_cells_in_chunks(
         cells = np.empty(beams[0].shape, dtype=np.int32)
         find_end_cells(*beams, *frame.shape, cells)
         yield part, cells
-
-
-def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m: float) -> GridFrame:
-    """Frame that holds every pose and every end point, and beams without return up to the farthest hit.
-
-    Raises
-    ------
-    LogError
-        If the path jumps, or they lie too far apart for a grid.
-    """
-    _refuse_jumps(log, poses)
-    rays = rays_of(log, usable_range_m)
-    known = poses[np.isfinite(poses).all(axis=1), :2]
-    bounds = np.concatenate([known.min(axis=0, initial=np.inf), known.max(axis=0, initial=-np.inf)])
-    for first in range(0, log.n_scans, SCANS_PER_CHUNK):
-        part = slice(first, first + SCANS_PER_CHUNK)
-        widen_bounds(
-            copied_rows(log.ranges_m, part),
-            np.array(log.geometry_index[part]),
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            np.array(poses[part], dtype=np.float64),
-            bounds,
-        )
-    corners = bounds.reshape(2, 2) if known.size else known
-    try:
-        return frame_around(corners, resolution_m, 2 * resolution_m)
-    except ValueError as err:
-        msg = (
-            f"{', '.join(log.recordings)}: {err}. Check odometry, tf and --laser-pose with `dynmap check`, "
-            "or choose a larger map.resolution_m."
-        )
-        raise LogError(msg) from err
-
-
-def _refuse_jumps(log: ScanLog, poses: F64) -> None:
-    """Refuse a path that no robot drives; a grid around both ends of a jump would be nearly empty, and huge."""
-    order = np.argsort(log.arrival_index, kind="stable")
-    known = order[np.isfinite(poses[order]).all(axis=1)]
-    steps_m = np.hypot(*np.diff(poses[known, :2], axis=0).T)
-    gaps_s = np.abs(np.diff(log.stamps_ns[known])) * 1e-9
-    jumps = np.flatnonzero(steps_m > _JUMP_M + _JUMP_MPS * gaps_s)
-    if jumps.size:
-        first = jumps[0]
-        msg = (
-            f"{', '.join(log.recordings)}: the path jumps by {steps_m[first]:.4g} m between two scans that are "
-            f"{gaps_s[first]:.3g} s apart, at most {_JUMP_M:g} m and {_JUMP_MPS:g} m/s are taken for a drive. "
-            "Check the odometry with `dynmap check`; pass --odom to choose another one, or none."
-        )
-        raise LogError(msg)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
-from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, count_beams, count_up_to_walls, end_cells_in_chunks
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
-from dynmap_cli.domain.mapped import copied_rows, give_back
+from dynmap_cli.domain.mapped import copied_rows, give_back, sparse_zeros
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import look_up, static_probability
 
@@ -119,21 +119,23 @@ def filter_beams(
     """
     count = count_up_to_walls if params.stop_at_walls else count_beams
     raw = count(log, poses, frame, params.usable_range_m, twists=twists, threads=threads)
-    reflectance = fixed_point(raw.static_hits, raw.passed_cells, params)
-    weights = _e_step(reflectance, params)
+    reflectance = fixed_point(raw.static_at_hits, raw.passed_at_hits, params)
+    expectation = _e_step(raw, reflectance, params)
+    weights = sparse_zeros(frame.rows * frame.cols, np.float32)
+    weights[raw.hit_cells] = expectation
     beams = np.empty(log.ranges_m.shape, dtype=np.float32) if out is None else out
 
     def fill(scans: slice) -> None:
         for part, cells in end_cells_in_chunks(
             log, poses, frame, params.usable_range_m, twists=twists, scans=scans
         ):
-            look_up(cells, weights.ravel(), beams[part])
+            look_up(cells, weights, beams[part])
             give_back(beams)
 
     starts = range(0, log.n_scans, SCANS_PER_CHUNK)
     with ThreadPoolExecutor(max_workers=threads) as pool:
         list(pool.map(fill, (slice(first, min(first + SCANS_PER_CHUNK, log.n_scans)) for first in starts)))
-    counted = count_with(raw, weights.astype(np.float64))
+    counted = count_with(raw, expectation.astype(np.float64))
     unknown = np.zeros(beams.shape, dtype=bool)
     return FilteredMap(counted, beams, expected_log_likelihood(counted), unknown)
 
@@ -151,13 +153,13 @@ def fixed_point(hits: F64, passed_cells: F64, params: FilterParams) -> F64:
 
     Parameters
     ----------
-    hits, passed_cells : (rows, cols) float64
-        All end points, and passed length in cells.
+    hits, passed_cells : (n,) float64
+        All end points in each cell, and passed length in cells.
     params : FilterParams
 
     Returns
     -------
-    (rows, cols) float64
+    (n,) float64
         NaN where nothing was seen.
     """
     seen = hits + passed_cells
@@ -197,23 +199,26 @@ def _iterate(hit_share: F64, static_prior: float) -> F64:
     return reflectance
 
 
-def count_with(raw: CountingMap, cell_expectation: F64) -> CountingMap:
-    """Split the hits of each cell into static and dynamic ones, where all beams of a cell share one e."""
-    hits = raw.static_hits + raw.dynamic_hits
-    static = np.where(hits > 0, hits * np.nan_to_num(cell_expectation), 0.0)
-    centroids = np.where((static > 0)[..., None], raw.centroids_m, np.nan)
-    return CountingMap(raw.frame, static, hits - static, raw.passed_cells, centroids)
+def count_with(raw: CountingMap, expectation_at_hits: F64) -> CountingMap:
+    """Split the hits of each cell into static and dynamic ones, where all beams of a cell share one e, (n,)."""
+    hits = raw.static_at_hits + raw.dynamic_at_hits
+    static = hits * np.nan_to_num(expectation_at_hits)
+    centroids = np.where((static > 0)[:, None], raw.centroids_at_hits_m, np.nan)
+    return CountingMap(raw.frame, raw.passed_cells, raw.hit_cells, static, hits - static, centroids)
 
 
 def all_static(counts: CountingMap) -> CountingMap:
     """The map that all beams draw when none of them is filtered."""
-    return count_with(counts, np.ones(counts.frame.shape))
+    return count_with(counts, np.ones(counts.hit_cells.size))
 
 
 def expected_log_likelihood(counts: CountingMap) -> float:
-    r"""Eq. 1.7 in its sum over cells, \sum_j \alpha_j \ln m_j + \beta_j \ln(1 - m_j), without the constant gamma."""
-    alpha, beta = counts.static_hits, counts.dynamic_hits + counts.passed_cells
-    reflectance = counts.reflectance
+    r"""Eq. 1.7 in its sum over cells, \sum_j \alpha_j \ln m_j + \beta_j \ln(1 - m_j), without the constant gamma.
+
+    Cells in which no beam ended have m = 0 and say nothing.
+    """
+    alpha, beta = counts.static_at_hits, counts.dynamic_at_hits + counts.passed_at_hits
+    reflectance = counts.reflectance_at_hits
     with np.errstate(divide="ignore", invalid="ignore"):
         terms = np.where(alpha > 0, alpha * np.log(reflectance), 0.0)
         terms += np.where(beta > 0, beta * np.log1p(-reflectance), 0.0)
@@ -226,18 +231,29 @@ def occupancy(counts: CountingMap) -> OccupancyGrid:
     Beams graze along walls and jitter by a cell, so a wall cell is hit by fewer than all beams that meet it; a
     cell counts as occupied from m = 0.2 on.
     """
-    reflectance = counts.reflectance
     cells = np.full(counts.frame.shape, UNKNOWN, dtype=np.int8)
     cells[counts.passed_cells > _FREE_PASSED_CELLS] = FREE
-    cells[(reflectance >= _OCCUPIED_REFLECTANCE) & (counts.static_hits >= 1.0)] = OCCUPIED
+    is_occupied = (counts.reflectance_at_hits >= _OCCUPIED_REFLECTANCE) & (counts.static_at_hits >= 1.0)
+    cells.reshape(-1)[counts.hit_cells[is_occupied]] = OCCUPIED
     return OccupancyGrid(counts.frame, cells)
 
 
-def _e_step(reflectance: F64, params: FilterParams) -> F32:
-    """E of the beams that end in each cell, from the largest m among the cells that support it."""
-    support = np.nan_to_num(reflectance)
-    if params.support_cells:
-        support = ndimage.maximum_filter(support, size=2 * params.support_cells + 1, mode="constant")
+def _e_step(raw: CountingMap, reflectance: F64, params: FilterParams) -> F32:
+    """(n,) e of the beams that end in each cell, from the largest m among the cells that support it."""
+    support = _largest_around(raw, np.nan_to_num(reflectance), params.support_cells)
     expectation = np.empty(support.size)
-    static_probability(np.ascontiguousarray(support.ravel()), params.static_prior, expectation)
-    return expectation.reshape(support.shape).astype(np.float32)
+    static_probability(support, params.static_prior, expectation)
+    return expectation.astype(np.float32)
+
+
+def _largest_around(counts: CountingMap, values: F64, reach: int) -> F64:
+    """(n,) largest of some values that are at least 0 in the cells within *reach* of each in which beams ended."""
+    cells, n_cols = counts.hit_cells, counts.frame.cols
+    largest = values.copy()
+    for up, right in product(range(-reach, reach + 1), repeat=2) if cells.size else ():
+        beside = cells + (up * n_cols + right)
+        found = np.minimum(np.searchsorted(cells, beside), cells.size - 1)
+        cols = cells % n_cols + right
+        is_there = (cells[found] == beside) & (cols >= 0) & (cols < n_cols)
+        np.maximum(largest, values[found], out=largest, where=is_there)
+    return largest

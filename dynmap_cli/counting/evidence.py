@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
 from scipy import ndimage
 
-from dynmap_cli.arrays import F32, F64, I8, I32, I64
+from dynmap_cli.arrays import B1, F32, F64, I8, I32, I64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of, twists_of
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame
-from dynmap_cli.domain.mapped import copied_rows
+from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.regions import add_evidence, add_hit_moments, judge_cells, surface_normals
+from dynmap_cli.kernels.regions import MOST_HITS, add_evidence, add_hit_moments, judge_cells, surface_normals
 
 Beams: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, F64, F64, float, float, float]
 _NORMAL_RADIUS_M, _MAX_SPREAD_RATIO = 0.15, 0.3
@@ -102,21 +103,35 @@ def surface_cells(
         Scans of each time window.
     params : EvidenceParams
     """
-    hits, offset_x, offset_y = (np.zeros(frame.shape) for _ in range(3))
-    last_window = np.full(frame.shape, -1, dtype=np.int32)
-    window_hits, most_hits = (np.zeros(frame.shape, dtype=np.int32) for _ in range(2))
+    # Beams end in few cells: only those get rows, in the order in which they are met.
+    numbers = sparse_zeros(frame.shape, np.int32)
+    moments = np.zeros((numbers.size + 1, 3))
+    window_counts, n_hit = np.zeros((numbers.size + 1, 3), dtype=np.int32), 0
     for number, window in enumerate(windows):
         for beams in _chunks(log.select(window), poses[window], frame, params):
-            add_hit_moments(*beams, number, hits, offset_x, offset_y, last_window, window_hits, most_hits)
-    size = 2 * params.support_cells + 1
-    near_candidates = ndimage.maximum_filter(most_hits >= params.occupied_hits, size=size, mode="constant")
-    cells = np.ascontiguousarray(np.argwhere((hits > 0) & near_candidates).astype(np.int64))
-    index = _minus_distance(cells, frame.shape)
-    index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
+            n_hit = add_hit_moments(*beams, *frame.shape, number, numbers, moments, window_counts, n_hit)
+    cells = _candidates(numbers, window_counts[: n_hit + 1, MOST_HITS] >= params.occupied_hits, params)
     normals = np.empty((cells.shape[0], 2))
     radius = _normal_radius(frame.resolution_m)
-    surface_normals(cells, hits, offset_x, offset_y, radius, _MAX_SPREAD_RATIO, normals)
+    surface_normals(cells, numbers, moments, radius, _MAX_SPREAD_RATIO, normals)
+    del numbers, moments, window_counts
+    index = _minus_distance(cells, frame.shape)
+    index[cells[:, 0], cells[:, 1]] = np.arange(cells.shape[0], dtype=np.int32)
     return SurfaceCells(frame, cells, index, _neighbours(cells, index, params.support_cells), normals)
+
+
+def _candidates(numbers: I32, has_many: B1, params: EvidenceParams) -> I64:
+    """(n, 2) cells with a number near cells whose number has hits enough in some window, row by row."""
+    rows, cols = numbers.shape
+    row, col = np.divmod(np.flatnonzero(numbers), cols)
+    hit_enough = has_many[numbers[row, col]]
+    near: B1 = sparse_zeros((rows, cols), np.bool_)
+    reach = range(-params.support_cells, params.support_cells + 1)
+    for up, right in product(reach, repeat=2):
+        beside = np.clip(row[hit_enough] + up, 0, rows - 1), np.clip(col[hit_enough] + right, 0, cols - 1)
+        near[beside] = True
+    is_near = near[row, col]
+    return np.stack([row[is_near], col[is_near]], axis=-1)
 
 
 def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) -> Iterator[Beams]:
@@ -154,15 +169,18 @@ def _minus_distance(cells: I64, shape: tuple[int, int]) -> I32:
     others = np.ones(shape, dtype=bool)
     others[cells[:, 0], cells[:, 1]] = False
     distance: I32 = ndimage.distance_transform_cdt(others, metric="chessboard")
-    return np.negative(distance, dtype=np.int32)
+    return np.negative(distance, out=distance)
 
 
 def _neighbours(cells: I64, index: I32, reach: int) -> I32:
     """Numbers of the cells within *reach* of each, (n, (2 reach + 1)^2); -1 = none."""
-    padded = np.pad(np.maximum(index, -1), reach, constant_values=-1)
-    steps = range(2 * reach + 1)
-    around = [padded[cells[:, 0] + row, cells[:, 1] + col] for row in steps for col in steps]
-    return np.ascontiguousarray(np.stack(around, axis=-1))
+    rows, cols = index.shape
+    around = np.full((cells.shape[0], (2 * reach + 1) ** 2), -1, dtype=np.int32)
+    for k, (up, right) in enumerate(product(range(-reach, reach + 1), repeat=2)):
+        row, col = cells[:, 0] + up, cells[:, 1] + right
+        is_inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+        around[is_inside, k] = np.maximum(index[row[is_inside], col[is_inside]], -1)
+    return around
 
 
 class Evidence:

@@ -15,11 +15,11 @@ from dynmap_cli.counting.counts import end_cells_in_chunks
 from dynmap_cli.counting.em import FilteredMap, count_with, expectation_of, expected_log_likelihood
 from dynmap_cli.counting.evidence import EvidenceParams, SurfaceCells
 from dynmap_cli.counting.looks import Watch, Watched, count_watches
-from dynmap_cli.domain.grid import GridFrame
-from dynmap_cli.domain.mapped import copied_rows, give_back
+from dynmap_cli.domain.grid import CountingMap, GridFrame
+from dynmap_cli.domain.mapped import copied_rows, give_back, sparse_zeros
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.em import add_to_cells
-from dynmap_cli.kernels.standing import count_kept, judge_beams
+from dynmap_cli.kernels.standing import count_kept, judge_beams, number_cells
 
 Counts: TypeAlias = I64 | I32 | F64
 _LEAST_FREE_LOOKS, _LEAST_FREE_LOOKS_OF_WATCH = 3, 1
@@ -98,32 +98,35 @@ def filter_by_looks(
     frame = filtered.counting_map.frame
     evidence = EvidenceParams(max_range_m=usable_range_m, silent_pass=False)
     watched = count_watches(log, poses, frame, params.look_s, params.watch_s, evidence, threads=threads)
+    ends = _EndCells.of(filtered.counting_map, watched.looks.surface)
     by_beams = filtered.static_probability
     judged, is_unknown = out or (np.empty_like(by_beams), np.zeros(by_beams.shape, dtype=bool))
-    sums, grids = np.zeros(frame.shape), _grids_of_places(watched, params)
+    sums, bounds = np.zeros(ends.cells.size), _bounds_of_places(ends, watched, params)
 
     def cells_of(scans: slice) -> Iterator[tuple[slice, I32]]:
-        return end_cells_in_chunks(log, poses, frame, usable_range_m, twists=twists, scans=scans)
+        for rows, cells in end_cells_in_chunks(log, poses, frame, usable_range_m, twists=twists, scans=scans):
+            number_cells(cells, ends.numbers, cells)
+            yield rows, cells
 
-    for rows, cells, verdict in _judged_beams(by_beams, cells_of, grids, watched, params):
+    for rows, cells, verdict in _judged_beams(by_beams, cells_of, bounds, ends, watched, params):
         e, open_still = np.empty(cells.shape, dtype=np.float32), np.empty(cells.shape, dtype=bool)
         judge_beams(
             cells,
             copied_rows(by_beams, rows),
-            *grids,
-            verdict.of_places.ravel(),
-            verdict.of_things.ravel(),
-            verdict.can_be_open.ravel(),
+            *bounds,
+            verdict.of_places,
+            verdict.of_things,
+            verdict.can_be_open,
             _PRIOR_OF_THINGS,
             _LEAST_EXPECTATION,
             e,
             open_still,
         )
-        add_to_cells(cells, e, sums.ravel())
+        add_to_cells(cells, e, sums)
         judged[rows], is_unknown[rows] = e, open_still
         give_back(judged)
         give_back(is_unknown)
-    hits = filtered.counting_map.static_hits + filtered.counting_map.dynamic_hits
+    hits = filtered.counting_map.static_at_hits + filtered.counting_map.dynamic_at_hits
     mean = np.divide(sums, hits, out=np.ones_like(hits), where=hits > 0)
     counted = count_with(filtered.counting_map, mean)
     return replace(
@@ -136,8 +139,45 @@ def filter_by_looks(
 
 
 @dataclass(frozen=True, slots=True)
+class _EndCells:
+    """The cells in which beams end, numbered; nothing else has to be known of a map to judge beams.
+
+    Attributes
+    ----------
+    frame : GridFrame
+    cells : (n,) int64
+        Flat index row * cols + col of each, ascending.
+    numbers : (n_cells,) int32
+        1 + number of each cell of the frame; 0 = no beam ends there.
+    of_surface : (m,) int32
+        Number of each surface cell; -1 = no beam ends there.
+    """
+
+    frame: GridFrame
+    cells: I64
+    numbers: I32
+    of_surface: I32
+
+    @classmethod
+    def of(cls, counted: CountingMap, surface: SurfaceCells) -> _EndCells:
+        """Number those of a map."""
+        frame, cells = counted.frame, counted.hit_cells
+        numbers = sparse_zeros(frame.rows * frame.cols, np.int32)
+        numbers[cells] = np.arange(1, cells.size + 1, dtype=np.int32)
+        flat = surface.cells[:, 0] * frame.cols + surface.cells[:, 1]
+        return cls(frame, cells, numbers, numbers[flat] - 1)
+
+    def values(self, by_surface: F64, elsewhere: float) -> F32:
+        """(n,) values of the surface cells."""
+        values = np.full(self.cells.size, elsewhere, dtype=np.float32)
+        is_end = self.of_surface >= 0
+        values[self.of_surface[is_end]] = by_surface[is_end]
+        return values
+
+
+@dataclass(frozen=True, slots=True)
 class _Verdict:
-    """What watches say of the beams that end in each cell; all (rows, cols).
+    """What watches say of the beams that end in each cell; all (n,), by the numbers of the end cells.
 
     Attributes
     ----------
@@ -163,7 +203,8 @@ class _Verdict:
 def _judged_beams(
     by_beams: F32,
     cells_of: Callable[[slice], Iterator[tuple[slice, I32]]],
-    grids: tuple[F32, F32],
+    bounds: tuple[F32, F32],
+    ends: _EndCells,
     watched: Watched,
     params: LookParams,
 ) -> Iterator[tuple[slice, I32, _Verdict]]:
@@ -176,13 +217,14 @@ def _judged_beams(
     by_beams : (n_scans, n_beams) float32
         e of the beam counts; rows that were given out may change.
     cells_of : callable
-        Gives rows and end cells of some scans, in parts.
-    grids : (n_cells,) float32, twice
+        Gives rows and numbers of the end cells of some scans, in parts.
+    bounds : (n,) float32, twice
         Least and largest e in each cell.
+    ends : _EndCells
     watched : Watched
     params : LookParams
     """
-    shape = watched.looks.surface.frame.shape
+    shape = ends.cells.shape
     if not watched.watches:
         nothing = _Verdict(
             np.ones(shape, np.float32), np.ones(shape, np.float32), np.zeros(shape, dtype=np.uint8)
@@ -200,8 +242,8 @@ def _judged_beams(
         last = watch.scans.stop
         hits = np.zeros(shape)
         for rows, cells in held:
-            count_kept(cells, copied_rows(by_beams, rows), *grids, hits.ravel())
-        verdict = _verdict_of(hits, watch, watched, params)
+            count_kept(cells, copied_rows(by_beams, rows), *bounds, hits)
+        verdict = _verdict_of(hits, ends, watch, watched, params)
         both = verdict.with_other(before[1]) if before else verdict
         is_last = number + 1 == len(watched.watches)
         done = last if is_last else watched.watches[number + 1].scans.start
@@ -211,18 +253,18 @@ def _judged_beams(
         before = last, verdict
 
 
-def _grids_of_places(watched: Watched, params: LookParams) -> tuple[F32, F32]:
-    """(n_cells,) least e of beams whose end surface is rarely crossed, if that counts, and largest e by all looks."""
+def _bounds_of_places(ends: _EndCells, watched: Watched, params: LookParams) -> tuple[F32, F32]:
+    """(n,) least e of beams whose end surface is rarely crossed, if that counts, and largest e by all looks."""
     looks, surface = watched.looks, watched.looks.surface
-    least = np.zeros(surface.frame.shape, dtype=np.float32)
+    least = np.zeros(ends.cells.size, dtype=np.float32)
     if params.crossing_prior:
         share = _largest_share(watched.hits, watched.crossed, surface)
-        least = _on_grid(expectation_of(share, params.crossing_prior), surface, 0.0)
+        least = ends.values(expectation_of(share, params.crossing_prior), 0.0)
     of_looks = _by_share(looks.occupied, looks.free, surface, _LEAST_FREE_LOOKS, params.look_prior)
-    return least.ravel(), _on_grid(of_looks, surface, 1.0).ravel()
+    return least, ends.values(of_looks, 1.0)
 
 
-def _verdict_of(hits: F64, watch: Watch, watched: Watched, params: LookParams) -> _Verdict:
+def _verdict_of(hits: F64, ends: _EndCells, watch: Watch, watched: Watched, params: LookParams) -> _Verdict:
     """Which things came, went or shifted in a watch, and of which things too little was seen.
 
     A thing is what the kept beams of a watch end on, connected, and no larger than what moves in buildings. If it was
@@ -233,15 +275,17 @@ def _verdict_of(hits: F64, watch: Watch, watched: Watched, params: LookParams) -
 
     Parameters
     ----------
-    hits : (rows, cols) float64
+    hits : (n,) float64
         How many kept beams of the watch end in each cell.
+    ends : _EndCells
     watch : Watch
     watched : Watched
     params : LookParams
     """
     total, surface = watched.looks.occupied, watched.looks.surface
-    labels, extents_m = _things(hits, surface.frame)
-    is_thing, thing_of = extents_m <= _LARGEST_THING_M, labels[tuple(surface.cells.T)]
+    labels, extents_m = _things(hits, ends)
+    is_thing = extents_m <= _LARGEST_THING_M
+    thing_of = np.where(ends.of_surface >= 0, np.append(labels, 0)[ends.of_surface], 0)
     by_share = _by_share(watch.occupied, watch.free, surface, _LEAST_FREE_LOOKS_OF_WATCH, params.watch_prior)
     by_share = np.where(is_thing[thing_of], by_share, 1.0)
     most, elsewhere = (np.zeros(extents_m.size, dtype=np.int64) for _ in range(2))
@@ -249,10 +293,10 @@ def _verdict_of(hits: F64, watch: Watch, watched: Watched, params: LookParams) -
     np.maximum.at(elsewhere, thing_of, total - watch.occupied)
     can_be = is_thing & (most < _LOOKS_THAT_TELL) & (elsewhere == 0)
     free_share = watch.free / np.maximum(watch.free + watch.occupied, 1)
-    still = 1.0 - _mean_over_hits(_on_grid(free_share, surface, 0.0), hits, labels, extents_m.size)
+    still = 1.0 - _mean_over_hits(ends.values(free_share, 0.0), hits, labels, extents_m.size)
     by_thing = np.where(extents_m >= _LEAST_BODY_M, expectation_of(still, _STILL_PRIOR), 1.0)
     return _Verdict(
-        _on_grid(by_share, surface, 1.0), by_thing[labels].astype(np.float32), can_be[labels].astype(np.uint8)
+        ends.values(by_share, 1.0), by_thing[labels].astype(np.float32), can_be[labels].astype(np.uint8)
     )
 
 
@@ -270,31 +314,35 @@ def _largest_share(hits: Counts, others: Counts, surface: SurfaceCells) -> F64:
     return np.asarray(share[surface.neighbours].max(axis=1, initial=-1.0))
 
 
-def _things(hits: F64, frame: GridFrame) -> tuple[I32, F64]:
+def _things(hits: F64, ends: _EndCells) -> tuple[I32, F64]:
     """Number the things that beams end on: connected cells with hits; everything else is 0.
 
     Returns
     -------
-    (rows, cols) int32
-    (n + 1,) float64
+    (n,) int32
+    (n_things + 1,) float64
         Extent of each thing, m; that of 0 is infinite.
     """
-    labels, _ = ndimage.label(ndimage.binary_dilation(hits > 0, _AROUND), _AROUND)
-    labels[hits == 0] = 0
-    boxes = ndimage.find_objects(labels)
+    labels = np.zeros(hits.size, dtype=np.int32)
+    is_hit = hits > 0
+    row, col = np.divmod(ends.cells[is_hit], ends.frame.cols)
+    if row.size == 0:
+        return labels, np.array([np.inf])
+    # Only the rectangle that holds them, and what can be grown into.
+    row, col = row - (row.min() - 1), col - (col.min() - 1)
+    grown = np.zeros((row.max() + 2, col.max() + 2), dtype=bool)
+    grown[row, col] = True
+    grid, _ = ndimage.label(ndimage.binary_dilation(grown, _AROUND), _AROUND)
+    labels[is_hit] = found = grid[row, col]
+    grid[:] = 0
+    grid[row, col] = found
+    boxes = ndimage.find_objects(grid)
     widths = [max(rows.stop - rows.start, cols.stop - cols.start) for rows, cols in boxes]
-    return labels, np.array([np.inf, *widths]) * frame.resolution_m
+    return labels, np.array([np.inf, *widths]) * ends.frame.resolution_m
 
 
-def _mean_over_hits(grid: F32, hits: F64, labels: I32, n_things: int) -> F64:
-    """(n_things,) mean of the values of a grid over the hits of each thing."""
-    n_hits = np.bincount(labels.ravel(), weights=hits.ravel(), minlength=n_things)
-    sums = np.bincount(labels.ravel(), weights=(hits * grid).ravel(), minlength=n_things)
+def _mean_over_hits(values: F32, hits: F64, labels: I32, n_things: int) -> F64:
+    """(n_things,) mean of some values over the hits of each thing."""
+    n_hits = np.bincount(labels, weights=hits, minlength=n_things)
+    sums = np.bincount(labels, weights=hits * values, minlength=n_things)
     return np.asarray(sums / np.maximum(n_hits, 1.0))
-
-
-def _on_grid(by_cell: F64, surface: SurfaceCells, elsewhere: float) -> F32:
-    """(rows, cols) values of the surface cells."""
-    grid = np.full(surface.frame.shape, elsewhere, dtype=np.float32)
-    grid[tuple(surface.cells.T)] = by_cell
-    return grid

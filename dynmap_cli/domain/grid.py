@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I8, I64
+from dynmap_cli.arrays import F32, F64, I8, I64
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """Values of a tri-state grid (int8)."""
-MAX_CELLS = 80_000_000
-"""No grid has more: 450 m x 450 m at 5 cm."""
+MAX_CELLS = 120_000_000
+"""No grid has more: 540 m x 540 m at 5 cm."""
 RESOLUTIONS_M = (0.001, 100.0)
 """Smallest and largest edge of a cell that is read."""
 FARTHEST_M = 1e7
@@ -90,7 +90,7 @@ def frame_around(points_m: F64, resolution_m: float, margin_m: float) -> GridFra
         msg = (
             f"poses and end points of beams span {width:.4g} m x {height:.4g} m around "
             f"({0.5 * (least[0] + most[0]):.4g}, {0.5 * (least[1] + most[1]):.4g}) m, "
-            f"{cells:.1e} cells of {resolution_m:g} m; a grid has at most {MAX_CELLS:.0e} cells "
+            f"{cells:.1e} cells of {resolution_m:g} m; a grid has at most {MAX_CELLS:.2g} cells "
             f"within {FARTHEST_M:.0e} m of the origin"
         )
         raise ValueError(msg)
@@ -105,35 +105,90 @@ def frame_around(points_m: F64, resolution_m: float, margin_m: float) -> GridFra
 class CountingMap:
     """How often beams ended in each cell and how far they passed through it (Eq. 1.12-1.15).
 
-    `reflectance` is the probability that a beam is *reflected* by the cell, not that the cell is
-    occupied: glass may have 0.3, a fence 0.5.
+    Beams end in one cell of a hundred, so what belongs to hits is kept of those cells only; as grids it is made anew
+    each time that it is asked for.
 
     Attributes
     ----------
     frame : GridFrame
-    static_hits : (rows, cols) float64
-        alpha: sum of e over the beams that end here.
-    dynamic_hits : (rows, cols) float64
-        Sum of 1 - e over the beams that end here.
     passed_cells : (rows, cols) float64
         Length by which beams passed through without ending here, in cells.
-    centroids_m : (rows, cols, 2) float64
-        Mean of the end points in the cell, weighted with e; NaN where static_hits is 0.
+    hit_cells : (n,) int64
+        Flat index row * cols + col of each cell in which beams ended, ascending.
+    static_at_hits : (n,) float64
+        alpha: sum of e over the beams that end in each.
+    dynamic_at_hits : (n,) float64
+        Sum of 1 - e over the beams that end in each.
+    centroids_at_hits_m : (n, 2) float64
+        Mean of the end points in each, weighted with e; NaN where alpha is 0.
     """
 
     frame: GridFrame
-    static_hits: F64
-    dynamic_hits: F64
     passed_cells: F64
-    centroids_m: F64
+    hit_cells: I64
+    static_at_hits: F64
+    dynamic_at_hits: F64
+    centroids_at_hits_m: F64
+
+    @classmethod
+    def of_grids(
+        cls,
+        frame: GridFrame,
+        static_hits: F32 | F64,
+        dynamic_hits: F32 | F64,
+        passed_cells: F64,
+        centroids_m: F32 | F64,
+    ) -> CountingMap:
+        """The map of grids (rows, cols), of the centroids (rows, cols, 2)."""
+        static, dynamic = static_hits.ravel(), dynamic_hits.ravel()
+        cells = np.flatnonzero((static > 0) | (dynamic > 0))
+        alpha, others = static[cells].astype(np.float64), dynamic[cells].astype(np.float64)
+        centroids = np.where((alpha > 0)[:, None], centroids_m.reshape(-1, 2)[cells], np.nan)
+        return cls(frame, passed_cells, cells, alpha, others, centroids.astype(np.float64))
+
+    @property
+    def static_hits(self) -> F64:
+        """(rows, cols) alpha."""
+        return self._on_grid(self.static_at_hits)
+
+    @property
+    def dynamic_hits(self) -> F64:
+        """(rows, cols) sum of 1 - e over the beams that end in each cell."""
+        return self._on_grid(self.dynamic_at_hits)
+
+    @property
+    def centroids_m(self) -> F64:
+        """(rows, cols, 2) mean of the end points in each cell; NaN where alpha is 0."""
+        grid = np.full((*self.frame.shape, 2), np.nan)
+        grid.reshape(-1, 2)[self.hit_cells] = self.centroids_at_hits_m
+        return grid
+
+    @property
+    def passed_at_hits(self) -> F64:
+        """(n,) length by which beams passed through each cell in which others ended, cells."""
+        return np.asarray(self.passed_cells.reshape(-1)[self.hit_cells])
+
+    @property
+    def reflectance_at_hits(self) -> F64:
+        """(n,) m = alpha / (alpha + beta), Eq. 1.15: the probability that a beam is *reflected* by the cell.
+
+        That is not the probability that the cell is occupied: glass may have 0.3, a fence 0.5.
+        """
+        return self.static_at_hits / (self.static_at_hits + self.dynamic_at_hits + self.passed_at_hits)
 
     @property
     def reflectance(self) -> F64:
-        """(rows, cols) m = alpha / (alpha + beta), Eq. 1.15; NaN where nothing was seen."""
-        seen = self.static_hits + self.dynamic_hits + self.passed_cells
-        out = np.full(self.static_hits.shape, np.nan)
-        np.divide(self.static_hits, seen, out=out, where=seen > 0)
-        return out
+        """(rows, cols) m of all cells; NaN where nothing was seen."""
+        grid = np.full(self.frame.shape, np.nan)
+        grid[self.passed_cells > 0] = 0.0
+        grid.reshape(-1)[self.hit_cells] = self.reflectance_at_hits
+        return grid
+
+    def _on_grid(self, values: F64) -> F64:
+        """(rows, cols) values of the cells in which beams ended, elsewhere 0."""
+        grid = np.zeros(self.frame.shape)
+        grid.reshape(-1)[self.hit_cells] = values
+        return grid
 
 
 @dataclass(frozen=True, slots=True)

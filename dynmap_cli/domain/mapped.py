@@ -1,7 +1,8 @@
-"""Arrays that are mapped from files: what was read of them counts as memory of the process until it is given back."""
+"""Arrays whose pages come and go: mapped from files, or sparse ones of which only what was written is in memory."""
 
 from __future__ import annotations
 
+import math
 import mmap
 from typing import Any
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 _PAGES_CAN_GO = hasattr(mmap, "MADV_DONTNEED")
+_CAN_BE_SPARSE = hasattr(mmap, "MAP_ANONYMOUS") and hasattr(mmap, "MADV_NOHUGEPAGE")
+_LEAST_SPARSE_BYTES = 1 << 24
 
 
 def mapping_of(array: Any) -> mmap.mmap | None:
@@ -33,3 +36,17 @@ def copied_rows(table: NDArray[Any], rows: Any) -> NDArray[Any]:
         part = part.copy()
     give_back(table)
     return part
+
+
+def sparse_zeros(shape: int | tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Zeros of which a large array takes memory only where something was written, in pages of a few kB.
+
+    `np.zeros` asks for pages of 2 MB, of which almost all are touched when a hundredth of the entries is.
+    """
+    size = math.prod(shape) if isinstance(shape, tuple) else shape
+    n_bytes = size * np.dtype(dtype).itemsize
+    if not _CAN_BE_SPARSE or n_bytes < _LEAST_SPARSE_BYTES:
+        return np.zeros(shape, dtype=dtype)
+    pages = mmap.mmap(-1, n_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    pages.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(pages, dtype=dtype).reshape(shape)

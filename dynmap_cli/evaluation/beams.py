@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I8, I32
-from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans, twists_of
+from dynmap_cli.counting.counts import count_beams, end_cells, twists_of
 from dynmap_cli.counting.em import FilterParams, filter_beams, occupancy
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OCCUPIED
 from dynmap_cli.errors import ArtifactError

@@ -8,8 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I32
-from dynmap_cli.counting.counts import count_beams, end_cells, frame_of_scans
+from dynmap_cli.counting.counts import count_beams, end_cells
 from dynmap_cli.counting.evidence import Evidence, EvidenceParams, surface_cells
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.grid import FREE, GridFrame, frame_around
 from dynmap_cli.domain.scans import ScanLog, end_points
 from dynmap_cli.evaluation.scores import Score, mean_or_nan, ratio

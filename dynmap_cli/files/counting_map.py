@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynmap_cli.arrays import B1, F32, I64
+from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.domain.grid import FARTHEST_M, MAX_CELLS, RESOLUTIONS_M, CountingMap, GridFrame
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.errors import ArtifactError
@@ -32,17 +32,28 @@ _REMEDY = "Run `dynmap map` again with --force."
 
 def write_counting_map(path: Path, counting_map: CountingMap) -> None:
     """Write hits, passed length, reflectance m, hit centroids and the frame."""
-    frame = counting_map.frame
-    np.savez_compressed(
-        path,
-        static_hits=counting_map.static_hits.astype(np.float32),
-        dynamic_hits=counting_map.dynamic_hits.astype(np.float32),
-        passed_cells=counting_map.passed_cells.astype(np.float32),
-        reflectance=counting_map.reflectance.astype(np.float32),
-        centroids_m=counting_map.centroids_m.astype(np.float32),
-        resolution_m=np.float64(frame.resolution_m),
-        origin_m=np.array([frame.origin_x_m, frame.origin_y_m]),
-    )
+    write_npz(path, _arrays_of(counting_map))
+
+
+def _arrays_of(counted: CountingMap) -> Iterator[tuple[str, NDArray[Any]]]:
+    """What is written of a map; each grid is made when the one before is on the disk."""
+    frame, cells = counted.frame, counted.hit_cells
+
+    def grid_of(values: F64, elsewhere: float) -> F32:
+        grid = np.full((frame.rows * frame.cols, *values.shape[1:]), elsewhere, dtype=np.float32)
+        grid[cells] = values
+        return grid.reshape(*frame.shape, *values.shape[1:])
+
+    yield "static_hits", grid_of(counted.static_at_hits, 0.0)
+    yield "dynamic_hits", grid_of(counted.dynamic_at_hits, 0.0)
+    yield "passed_cells", counted.passed_cells.astype(np.float32)
+    reflectance = grid_of(counted.reflectance_at_hits, np.nan)
+    reflectance[np.isnan(reflectance) & (counted.passed_cells > 0)] = 0.0
+    yield "reflectance", reflectance
+    del reflectance
+    yield "centroids_m", grid_of(counted.centroids_at_hits_m, np.nan)
+    yield "resolution_m", np.array(frame.resolution_m)
+    yield "origin_m", np.array([frame.origin_x_m, frame.origin_y_m])
 
 
 def read_counting_map(path: Path) -> CountingMap:
@@ -65,8 +76,13 @@ def read_counting_map(path: Path) -> CountingMap:
             )
         centroids = arrays["centroids_m"]
         _check_values(centroids, "centroids_m", f"within {FARTHEST_M:g} m", ~(np.abs(centroids) > FARTHEST_M))
-        grids = {name: arrays[name].astype(np.float64) for name in _GRIDS}
-        return CountingMap(_frame_of(arrays, shape), **grids)
+        return CountingMap.of_grids(
+            _frame_of(arrays, shape),
+            arrays["static_hits"],
+            arrays["dynamic_hits"],
+            arrays["passed_cells"].astype(np.float64),
+            centroids,
+        )
 
 
 def read_map_frame(path: Path) -> GridFrame:
@@ -111,14 +127,12 @@ def _check_probabilities(found: F32) -> None:
 
 def write_beams(path: Path, stamps_ns: I64, static_probability: F32, is_unknown: B1) -> None:
     """Write e of each beam, (n_scans, n_beams) float32, NaN where it has no end point, and which are unknown."""
-    write_npz(
-        path,
-        {
-            "stamps_ns": stamps_ns,
-            "static_probability": static_probability.astype(np.float32, copy=False),
-            "is_unknown": is_unknown.view(np.uint8),
-        },
+    table: tuple[tuple[str, NDArray[Any]], ...] = (
+        ("stamps_ns", stamps_ns),
+        ("static_probability", static_probability.astype(np.float32, copy=False)),
+        ("is_unknown", is_unknown.view(np.uint8)),
     )
+    write_npz(path, table)
 
 
 def beams_in_parts(path: Path, shape: tuple[int, int]) -> Iterator[tuple[slice, F32]]:

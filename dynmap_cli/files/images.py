@@ -27,14 +27,14 @@ def read_grey(path: Path) -> U8:
         try:
             with Image.open(path) as image:
                 if image.width * image.height > MAX_CELLS:
-                    msg = f"{image.width} x {image.height} pixels, at most {MAX_CELLS:.0e} are read"
+                    msg = f"{image.width} x {image.height} pixels, at most {MAX_CELLS:.2g} are read"
                     raise ValueError(msg)
                 if image.mode not in _EIGHT_BITS:
                     msg = f"pixels of mode {image.mode}, expected 8 bits of grey"
                     raise ValueError(msg)
                 return np.asarray(image.convert("L"), dtype=np.uint8)
         except (Image.DecompressionBombError, Image.DecompressionBombWarning) as err:
-            msg = f"more pixels than the {MAX_CELLS:.0e} that are read"
+            msg = f"more pixels than the {MAX_CELLS:.2g} that are read"
             raise ValueError(msg) from err
         except (SyntaxError, IndexError, TypeError, EOFError, ArithmeticError, MemoryError) as err:
             msg = f"damaged image, {err}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tokenize
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,18 +60,22 @@ def write_npy(path: Path, array: Array) -> None:
         _write_array(stream, array)
 
 
-def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
-    """Write arrays in rows as np.savez_compressed does; mapped ones pass through memory piece by piece."""
+def write_npz(path: Path, arrays: Iterable[tuple[str, Array]]) -> None:
+    """Write named arrays in rows as np.savez_compressed does, one after the other, each piece by piece."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
+        for name, array in arrays:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
                 _write_array(stream, array)
+            del array  # before the next one is made
 
 
 def _write_array(stream: IO[bytes], array: Array) -> None:
     """Write header and rows."""
     np.lib.format.write_array_header_1_0(stream, np.lib.format.header_data_from_array_1_0(array))
-    step = max(1, _PIECE_BYTES // max(array.strides[0], 1)) if array.ndim else 1
+    if array.ndim == 0:
+        stream.write(array.tobytes())
+        return
+    step = max(1, _PIECE_BYTES // max(array.strides[0], 1))
     for start in range(0, array.shape[0], step):
         stream.write(array[start : start + step].tobytes())
         give_back(array)

@@ -64,8 +64,10 @@ def count_scans(
     sign: int,
     ends: I64,
     crossings: I64,
+    numbers: I32,
     hits: I64,
-) -> None:
+    n_hit: int,
+) -> int:
     """Add (sign 1) or take out (sign -1) scans: alpha, beta and the sums for the hit centroids (Eq. 1.12).
 
     A beam adds e to the static and 1 - e to the dynamic hits of its end cell, and the length by which it
@@ -96,8 +98,18 @@ def count_scans(
     sign : int
     ends, crossings : ((rows + 1) * (cols + 2) + (cols + 1) * (rows + 2),) int64
         Difference grids, see above.
-    hits : (rows * cols, HIT_SUMS) int64
-        Static and dynamic hits, and e times the offset of the end points from the corner of the cell, cells.
+    numbers : (rows * cols,) int32
+        Number of each cell in which a beam ended, from 1 in the order in which they were met; 0 = none.
+    hits : (rows * cols + 1, HIT_SUMS) int64
+        By number: static and dynamic hits, and e times the offset of the end points from the corner of the cell,
+        cells.
+    n_hit : int
+        How many cells have a number.
+
+    Returns
+    -------
+    int
+        How many have one now.
     """
     n_beams = ranges_m.shape[1]
     beams, runs = np.empty((BEAM_ROWS, n_beams)), np.empty((3, n_beams))
@@ -123,9 +135,10 @@ def count_scans(
         cells_of_hits(beams, rows, cols, cells)
         _weigh_hits(beams, weights[scan], sign, values)
         _find_runs(beams, rows, cols, sign, runs, entries)
-        _add_hits(cells, values, sign, hits)
+        n_hit = _add_hits(cells, values, sign, numbers, hits, n_hit)
         _add_ends(entries, ends)
         _add_crossings(runs, entries, crossings)
+    return n_hit
 
 
 @kernel
@@ -143,17 +156,22 @@ def _weigh_hits(beams: F64, weights: F32, sign: int, values: I64) -> None:
 
 
 @kernel
-def _add_hits(cells: I64, values: I64, sign: int, hits: I64) -> None:
-    """Add the values of the beams that end in a cell."""
+def _add_hits(cells: I64, values: I64, sign: int, numbers: I32, hits: I64, n_hit: int) -> int:
+    """Add the values of the beams that end in a cell; number the cells that are new."""
     one = sign * int(FIXED_ONE)
     for beam in range(cells.shape[0]):
         if cells[beam] >= 0:
             cell = np.uint64(cells[beam])
+            if numbers[cell] == 0:
+                n_hit += 1
+                numbers[cell] = n_hit
+            number = np.uint64(numbers[cell])
             static = values[0, beam]
-            hits[cell, STATIC] += static
-            hits[cell, DYNAMIC] += one - static
-            hits[cell, OFFSET_X] += values[1, beam]
-            hits[cell, OFFSET_Y] += values[2, beam]
+            hits[number, STATIC] += static
+            hits[number, DYNAMIC] += one - static
+            hits[number, OFFSET_X] += values[1, beam]
+            hits[number, OFFSET_Y] += values[2, beam]
+    return n_hit
 
 
 @kernel
@@ -289,33 +307,13 @@ def sum_along_y(ends: I64, crossings: I64, first: int, last: int, passed: I64) -
 
 
 @kernel
-def scale_sums(
-    hits: I64,
-    lengths: I64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    first: int,
-    last: int,
-    static_hits: F64,
-    dynamic_hits: F64,
-    passed_cells: F64,
-    centroids_m: F64,
-) -> None:
-    """Turn some rows of the fixed-point sums into those of a counting map, where they are not 0.
-
-    Rounding can leave a length a few units below 0.
-    """
-    cols = lengths.shape[1]
-    for row in range(first, last):
-        for col in range(cols):
-            cell = row * cols + col
-            static, dynamic = hits[cell, STATIC], hits[cell, DYNAMIC]
-            if lengths[row, col] > 0:
-                passed_cells[row, col] = lengths[row, col] / FIXED_ONE
-            if dynamic != 0:
-                dynamic_hits[row, col] = dynamic / FIXED_ONE
-            if static != 0:
-                static_hits[row, col] = static / FIXED_ONE
-                centroids_m[row, col, 0] = origin_x_m + (col + hits[cell, OFFSET_X] / static) * resolution_m
-                centroids_m[row, col, 1] = origin_y_m + (row + hits[cell, OFFSET_Y] / static) * resolution_m
+def add_hits(theirs: I64, their_cells: I64, numbers: I32, hits: I64, n_hit: int) -> int:
+    """Add the sums of cells (n, HIT_SUMS), whose flat indices (n,) are given; the others as for `count_scans`."""
+    for k in range(their_cells.shape[0]):
+        cell = their_cells[k]
+        if numbers[cell] == 0:
+            n_hit += 1
+            numbers[cell] = n_hit
+        for column in range(HIT_SUMS):
+            hits[numbers[cell], column] += theirs[k, column]
+    return n_hit

@@ -8,6 +8,11 @@ from dynmap_cli.arrays import F32, F64, I8, I32, I64
 from dynmap_cli.kernels.beams import moved
 from dynmap_cli.kernels.jit import kernel
 
+HITS, OFFSET_X, OFFSET_Y = range(3)
+"""Columns of the moments of the end points in a cell."""
+LAST_WINDOW, WINDOW_HITS, MOST_HITS = range(3)
+"""Columns of their counts in windows."""
+
 
 @kernel
 def add_hit_moments(
@@ -22,14 +27,14 @@ def add_hit_moments(
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
+    rows: int,
+    cols: int,
     window: int,
-    hits: F64,
-    offset_x: F64,
-    offset_y: F64,
-    last_window: I32,
-    window_hits: I32,
-    most_hits: I32,
-) -> None:
+    numbers: I32,
+    moments: F64,
+    window_counts: I32,
+    n_hit: int,
+) -> int:
     """Add the end points of the scans of a window: how many lie in each cell, and the sums of their places.
 
     Parameters
@@ -50,17 +55,25 @@ def add_hit_moments(
     poses : (n_scans, 3) float64
         map_from_robot; rows with NaN are skipped.
     resolution_m, origin_x_m, origin_y_m : float
+    rows, cols : int
         Frame of the grid.
     window : int
         Number of the window; one after the other, from 0.
-    hits, offset_x, offset_y : (rows, cols) float64
-        Number of end points, and the sums of their offsets from the corner of the cell, cells.
-    last_window : (rows, cols) int32
-        Last window in which a beam ended in the cell, -1 = none.
-    window_hits, most_hits : (rows, cols) int32
-        End points in the cell in that window, and in the window that has most of them.
+    numbers : (rows, cols) int32
+        Number of each cell in which a beam ended, from 1 in the order in which they were met; 0 = none.
+    moments : (rows * cols + 1, 3) float64
+        By number: end points, and the sums of their offsets from the corner of the cell, cells.
+    window_counts : (rows * cols + 1, 3) int32
+        By number: last window in which a beam ended in the cell, end points in it in that window, and in the window
+        that has most of them.
+    n_hit : int
+        How many cells have a number.
+
+    Returns
+    -------
+    int
+        How many have one now.
     """
-    rows, cols = hits.shape
     for scan in range(ranges_m.shape[0]):
         geometry, yaw = geometry_index[scan], poses[scan, 2]
         if not math.isfinite(poses[scan, 0] + poses[scan, 1] + yaw):
@@ -87,22 +100,28 @@ def add_hit_moments(
             y = y0 + length * (sin * direction_x + cos * direction_y)
             if 0.0 <= x < cols and 0.0 <= y < rows:
                 col, row = int(x), int(y)
-                hits[row, col] += 1.0
-                offset_x[row, col] += x - col
-                offset_y[row, col] += y - row
-                if last_window[row, col] != window:
-                    last_window[row, col] = window
-                    window_hits[row, col] = 0
-                window_hits[row, col] += 1
-                most_hits[row, col] = max(most_hits[row, col], window_hits[row, col])
+                number = numbers[row, col]
+                if number == 0:
+                    n_hit += 1
+                    numbers[row, col] = number = n_hit
+                    window_counts[number, LAST_WINDOW] = window
+                moments[number, HITS] += 1.0
+                moments[number, OFFSET_X] += x - col
+                moments[number, OFFSET_Y] += y - row
+                if window_counts[number, LAST_WINDOW] != window:
+                    window_counts[number, LAST_WINDOW] = window
+                    window_counts[number, WINDOW_HITS] = 0
+                window_counts[number, WINDOW_HITS] += 1
+                most = max(window_counts[number, MOST_HITS], window_counts[number, WINDOW_HITS])
+                window_counts[number, MOST_HITS] = most
+    return n_hit
 
 
 @kernel
 def surface_normals(
     cells: I64,
-    hits: F64,
-    offset_x: F64,
-    offset_y: F64,
+    numbers: I32,
+    moments: F64,
     radius_cells: int,
     max_spread_ratio: float,
     out: F64,
@@ -116,22 +135,23 @@ def surface_normals(
     ----------
     cells : (n, 2) int64
         Row and column.
-    hits, offset_x, offset_y : (rows, cols) float64
+    numbers, moments
         As `add_hit_moments` leaves them.
     radius_cells : int
     max_spread_ratio : float
     out : (n, 2) float64
         Unit normal (x, y).
     """
-    rows, cols = hits.shape
+    rows, cols = numbers.shape
     for k in range(cells.shape[0]):
         row, col = cells[k, 0], cells[k, 1]
         weight = mean_x = mean_y = xx = xy = yy = 0.0
         for r in range(max(row - radius_cells, 0), min(row + radius_cells + 1, rows)):
             for c in range(max(col - radius_cells, 0), min(col + radius_cells + 1, cols)):
-                w = hits[r, c]
-                if w > 0.0:
-                    x, y = c - col + offset_x[r, c] / w, r - row + offset_y[r, c] / w
+                number = numbers[r, c]
+                if number > 0:
+                    w = moments[number, HITS]
+                    x, y = c - col + moments[number, OFFSET_X] / w, r - row + moments[number, OFFSET_Y] / w
                     weight += w
                     mean_x += w * x
                     mean_y += w * y

@@ -9,6 +9,25 @@ from dynmap_cli.kernels.jit import kernel
 
 
 @kernel
+def number_cells(end_cells: I32, numbers: I32, out: I32) -> None:
+    """Write the number of each beam's end cell; -1 where it has none.
+
+    Parameters
+    ----------
+    end_cells : (n_scans, n_beams) int32
+        Flat index of the end cell, -1 = none.
+    numbers : (n_cells,) int32
+        1 + number of each cell; 0 = none.
+    out : (n_scans, n_beams) int32
+        May be *end_cells*.
+    """
+    for scan in range(end_cells.shape[0]):
+        for beam in range(end_cells.shape[1]):
+            cell = end_cells[scan, beam]
+            out[scan, beam] = numbers[cell] - 1 if cell >= 0 else -1
+
+
+@kernel
 def count_kept(end_cells: I32, by_beams: F32, least: F32, most: F32, out: F64) -> None:
     """Count the beams in their end cells that are static as far as beams and all looks tell (e >= 1/2).
 

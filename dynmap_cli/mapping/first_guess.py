@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import F32, I64
-from dynmap_cli.counting.counts import SCANS_PER_CHUNK, frame_of_scans
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK
 from dynmap_cli.counting.em import FilterParams, count_ended, filter_beams
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.mapped import copied_rows, give_back
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog

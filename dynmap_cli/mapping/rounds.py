@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.counting.counts import SCANS_PER_CHUNK, frame_of_scans, twists_of
+from dynmap_cli.counting.counts import SCANS_PER_CHUNK, twists_of
 from dynmap_cli.counting.em import FilteredMap, FilterParams, all_static, count_ended, filter_beams, occupancy
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.grid import OccupancyGrid
 from dynmap_cli.domain.mapped import copied_rows, give_back

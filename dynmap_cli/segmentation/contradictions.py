@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F64, I8, I64
 from dynmap_cli.counting.evidence import EvidenceParams, SurfaceCells, surface_cells
@@ -18,6 +20,7 @@ from dynmap_cli.segmentation.windows import WindowRecord, Windows, windows_of
 
 _MIN_WINDOWS, _MIN_WINDOW_SHARE = 2, 0.1
 _STANDING_SHARE = 0.7
+Values = TypeVar("Values", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +70,12 @@ class Contradictions:
     def contested(self) -> B1:
         """(rows, cols) whether a cell was seen occupied and free often enough; large things once on a short log."""
         found = np.minimum(self.record.occupied, self.record.free) >= self.windows_needed
-        return self._on_map(found | self.large if self.is_short else found).astype(bool)
+        return self._on_map(found | self.large if self.is_short else found)
 
     @property
     def standing(self) -> I8:
         """(rows, cols) int8, 1 where a cell is occupied in at least 70 % of the windows that know it."""
-        return self._on_map(_stands(self.record)).astype(np.int8)
+        return self._on_map(_stands(self.record).astype(np.int8))
 
     def recurring(self, explained: list[I64]) -> B1:
         """(rows, cols) cells of what comes back to the same spot, hours apart; none beside cells (n, 2) that change."""
@@ -80,16 +83,16 @@ class Contradictions:
         found = recurring_cells(
             self.surface, self.record, occasions(self.windows.starts_ns), _stands(self.record), others
         )
-        return self._on_map(found).astype(bool)
+        return self._on_map(found)
 
     @property
     def is_short(self) -> bool:
         """Whether the log is so short that two windows are enough."""
         return self.windows_needed == _MIN_WINDOWS
 
-    def _on_map(self, values: B1 | I64) -> I64:
+    def _on_map(self, values: NDArray[Values]) -> NDArray[Values]:
         """(rows, cols) with the values (n,) of the surface cells; 0 elsewhere."""
-        found = np.zeros(self.surface.frame.shape, dtype=np.int64)
+        found = np.zeros(self.surface.frame.shape, dtype=values.dtype)
         found[self.surface.cells[:, 0], self.surface.cells[:, 1]] = values
         return found
 

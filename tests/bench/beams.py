@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.counting.counts import frame_of_scans, twists_of
+from dynmap_cli.counting.counts import twists_of
 from dynmap_cli.counting.em import FilterParams, filter_beams
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.evaluation.beams import PROBABILITY_LIMITS, score_beams
 from dynmap_cli.evaluation.scores import Score

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import F64, I32, I64
-from dynmap_cli.counting.counts import Counter, count_beams, frame_of_scans
+from dynmap_cli.counting.counts import Counter, count_beams
 from dynmap_cli.counting.em import FilterParams, em_step, fixed_point
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.evaluation.truth import read_run

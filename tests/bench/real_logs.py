@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.counting.counts import count_beams, frame_of_scans
+from dynmap_cli.counting.counts import count_beams
 from dynmap_cli.counting.em import occupancy
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.grid import OCCUPIED
 from dynmap_cli.evaluation.association import nearest_stamp
 from dynmap_cli.evaluation.relations import read_relations, score_relations

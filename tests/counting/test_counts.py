@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, end_cells, frame_of_scans
+from dynmap_cli.counting.counts import Counter, count_beams, count_up_to_walls, end_cells
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import join_drives, single_laser_log

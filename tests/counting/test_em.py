@@ -92,7 +92,7 @@ def test_likelihood_never_falls_at_fixed_poses(cells, p):
     m, values = h * p, []
     for _ in range(30):
         alpha = m * (hits + passed)
-        counts = CountingMap(FRAME, alpha, hits - alpha, passed, np.zeros((*alpha.shape, 2)))
+        counts = CountingMap.of_grids(FRAME, alpha, hits - alpha, passed, np.zeros((*alpha.shape, 2)))
         values.append(expected_log_likelihood(counts))
         m = em_step(m, h, p)
     assert (np.diff(values) >= -1e-9 * max(1.0, abs(values[0]))).all()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynmap_cli.counting.counts import frame_of_scans
 from dynmap_cli.counting.evidence import EvidenceParams
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.counting.looks import count_watches, time_windows
 from tests.counting.scenes import THING_M, scene, standing
 

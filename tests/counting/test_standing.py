@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.counting.counts import frame_of_scans
 from dynmap_cli.counting.em import FilterParams, expectation_of, filter_beams
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.counting.standing import LookParams, filter_by_looks
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.kernels.standing import count_kept, judge_beams

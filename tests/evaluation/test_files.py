@@ -9,8 +9,9 @@ from click.testing import CliRunner
 
 from dynmap_cli import __version__
 from dynmap_cli.cli import main
-from dynmap_cli.counting.counts import count_beams, frame_of_scans
+from dynmap_cli.counting.counts import count_beams
 from dynmap_cli.counting.em import occupancy
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.poses import Trajectory, compose
 from dynmap_cli.files.counting_map import write_beams
 from dynmap_cli.files.manifest import Manifest, write_manifest

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynmap_cli.counting.counts import end_cells, frame_of_scans
+from dynmap_cli.counting.counts import end_cells
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.poses import compose, inverse, transform_points
 from dynmap_cli.domain.scans import single_laser_log

@@ -263,7 +263,7 @@ def counting_map():
     hits = RANDOM.integers(0, 5, (4, 6)).astype(float)
     centroids = np.where(hits[..., None] > 0, RANDOM.random((4, 6, 2)), np.nan)
     passed = RANDOM.random((4, 6)).astype(np.float32).astype(float)
-    return CountingMap(GridFrame(0.05, 1.0, -2.0, 4, 6), hits, 0.5 * hits, passed, centroids)
+    return CountingMap.of_grids(GridFrame(0.05, 1.0, -2.0, 4, 6), hits, 0.5 * hits, passed, centroids)
 
 
 def test_a_counting_map_round_trip(counting_map, tmp_path):

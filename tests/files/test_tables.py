@@ -50,7 +50,7 @@ def test_a_npz_file_in_pieces_has_the_bytes_of_numpy(tmp_path, in_small_pieces):
         "e": rng.random((300, 11)).astype(np.float32).round(2),
         "is_unknown": (rng.random((300, 11)) < 0.1).view(np.uint8),
     }
-    write_npz(tmp_path / "pieces.npz", arrays)
+    write_npz(tmp_path / "pieces.npz", arrays.items())
     np.savez_compressed(tmp_path / "whole.npz", **arrays)
     assert (tmp_path / "pieces.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
 

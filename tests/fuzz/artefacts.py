@@ -119,7 +119,7 @@ def _counting(folder: Path) -> None:
     centroids = np.where(hits[..., None] > 0, draw.random((4, 6, 2)), np.nan)
     passed = draw.random((4, 6)).astype(np.float32).astype(float)
     frame = GridFrame(0.05, 1.0, -2.0, 4, 6)
-    write_counting_map(folder / "m.npz", CountingMap(frame, hits, 0.5 * hits, passed, centroids))
+    write_counting_map(folder / "m.npz", CountingMap.of_grids(frame, hits, 0.5 * hits, passed, centroids))
     probability = np.array([[0.5, np.nan], [1.0, 0.0]], dtype=np.float32)
     write_beams(folder / "b.npz", np.array([1, 2]), probability, np.zeros((2, 2), dtype=bool))
 

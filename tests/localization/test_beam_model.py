@@ -27,7 +27,7 @@ def test_a_run_says_how_often_each_cell_reflects_and_a_plain_map_only_what_is_oc
     random = np.random.default_rng(0)
     cells = random.choice([FREE, OCCUPIED, UNKNOWN], FRAME.shape)
     hits, passed = random.integers(0, 9, (2, *FRAME.shape)).astype(float)
-    counted = CountingMap(FRAME, hits, hits * 0, passed, np.zeros((*FRAME.shape, 2)))
+    counted = CountingMap.of_grids(FRAME, hits, hits * 0, passed, np.zeros((*FRAME.shape, 2)))
     plain = make_map_pool(grid_of(cells), [], LocalizationSettings())
     with_counts = with_beam_model(plain, grid_of(cells), counted, [])
     m = counted.reflectance
@@ -58,6 +58,6 @@ def test_a_belief_mixes_the_reflectances_of_the_states():
 def test_reflectances_of_another_map_are_refused():
     grid = grid_of(np.full(FRAME.shape, FREE))
     other = GridFrame(0.1, -1.0, 2.0, 4, 4)
-    counted = CountingMap(other, *np.zeros((3, 4, 4)), np.zeros((4, 4, 2)))
+    counted = CountingMap.of_grids(other, *np.zeros((3, 4, 4)), np.zeros((4, 4, 2)))
     with pytest.raises(ArtifactError, match="dynmap map"):
         with_beam_model(make_map_pool(grid, [], LocalizationSettings()), grid, counted, [])

@@ -108,6 +108,15 @@ def test_cells_without_hits_enough_in_any_window_are_left_out():
     assert surface_cells(log, poses, FRAME, [], EvidenceParams()).cells.shape == (0, 2)
 
 
+def numbered(hits, offset_x, offset_y):
+    """The same grids as the kernels take them: numbers of the cells that have hits, and sums by number."""
+    numbers = np.zeros(hits.shape, dtype=np.int32)
+    numbers[hits > 0] = np.arange(1, np.count_nonzero(hits) + 1)
+    moments = np.zeros((hits.size + 1, 3))
+    moments[numbers[hits > 0]] = np.stack([hits, offset_x, offset_y], axis=-1)[hits > 0]
+    return numbers, moments
+
+
 @given(st.floats(-math.pi, math.pi), st.floats(0.0, 0.02))
 def test_the_normal_is_that_of_the_line_of_hits(angle, noise):
     draw = np.random.default_rng(1)
@@ -123,7 +132,7 @@ def test_the_normal_is_that_of_the_line_of_hits(angle, noise):
         offset_x[int(y), int(x)] += x % 1
         offset_y[int(y), int(x)] += y % 1
     out = np.empty((1, 2))
-    surface_normals(np.array([[10, 10]]), hits, offset_x, offset_y, 4, 0.3, out)
+    surface_normals(np.array([[10, 10]]), *numbered(hits, offset_x, offset_y), 4, 0.3, out)
     expected, _ = plain_normal(points)
     assert abs(out[0] @ expected) > math.cos(math.radians(3.0))
 
@@ -131,7 +140,7 @@ def test_the_normal_is_that_of_the_line_of_hits(angle, noise):
 def test_a_blob_has_no_normal():
     hits, offset = np.ones((9, 9)), np.full((9, 9), 0.5)
     out = np.empty((1, 2))
-    surface_normals(np.array([[4, 4]]), hits, offset, offset, 3, 0.3, out)
+    surface_normals(np.array([[4, 4]]), *numbered(hits, offset, offset), 3, 0.3, out)
     np.testing.assert_array_equal(out, 0.0)
 
 

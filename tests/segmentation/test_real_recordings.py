@@ -2,7 +2,7 @@
 
 import pytest
 
-from dynmap_cli.counting.counts import frame_of_scans
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.segmentation.settings import SegmentationSettings

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynmap_cli.counting.counts import frame_of_scans
+from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.simulation.run import simulate
 from dynmap_cli.simulation.scenario import parse_scenario
 

@@ -49,7 +49,7 @@ BAD = {
     ),
     "a wide world": (
         PATH + "world: {walls: [[[0, 0], [9.0e+4, 9.0e+4]]]}\n",
-        "a grid has at most 8e+07 cells",
+        "a grid has at most 1.2e+08 cells",
     ),
     "nowhere to walk": (PATH + "movers: [{does: walk, path: [[0, 0], [0, 0]]}]\n", "shorter than 0.1 m"),
     "nowhere to go": (PATH + "world: {routes: [[[0, 0], [0, 0]]]}\n", "0.1 m or more from the next"),
