@@ -84,17 +84,20 @@ def find_contradiction(sweeps: Sweeps, range_min_m: float, reach_m: float) -> Co
         scans = scans[np.isfinite(origins[scans]).all(axis=1)]
         if scans.size < _LEAST_HITS or np.ptp(origins[scans, :2], axis=0).max() > _WIDEST_M:
             continue
-        values = np.array(ranges_m[scans])[:, picked]
-        is_return, is_no_return = kinds_of(values, range_min_m, reach_m)
+        is_return, is_no_return = kinds_of(np.array(ranges_m[scans])[:, picked], range_min_m, reach_m)
         counted += np.count_nonzero(is_no_return), np.count_nonzero(is_return)
-        windows.append((scans, np.where(is_return, values, np.inf), is_no_return, is_return))
+        windows.append(scans)
     if counted.min() < _LEAST_BEAMS:
         return None
     crossing = np.zeros(2)
-    for scans, length_m, is_no_return, is_return in windows:
+    for scans in windows:
+        values = np.array(ranges_m[scans])[:, picked]
+        is_return, is_no_return = kinds_of(values, range_min_m, reach_m)
         bearings_rad = sweeps.bearings_rad[sweeps.geometry_index[scans], picked]
         angle_rad = origins[scans, 2, None] + bearings_rad
-        crosses = _crosses_solid(length_m, angle_rad, origins[scans, :2], farthest_m)
+        crosses = _crosses_solid(
+            np.where(is_return, values, np.inf), angle_rad, origins[scans, :2], farthest_m
+        )
         crossing += np.count_nonzero(crosses & is_no_return), np.count_nonzero(crosses & is_return)
     shares = crossing / counted
     return Contradiction(float(shares[0]), float(shares[1]))
@@ -105,28 +108,28 @@ def _crosses_solid(length_m: F64, angle_rad: F64, origins_m: F64, farthest_m: fl
     lengths_m = length_m.ravel()
     angle_rad = np.where(np.isfinite(angle_rad), angle_rad, 0.0).ravel()
     direction = np.cos(angle_rad), np.sin(angle_rad)
-    # In cells; all points lie beyond zero, where cutting off is rounding down.
-    origins = (origins_m - origins_m.min(axis=0) + farthest_m) / _STEP_M + 1.0
-    n_cells = int(np.ceil(origins.max() + farthest_m / _STEP_M)) + 2
-    starts = [np.repeat(column, length_m.shape[1]) for column in origins.T]
+    origins_m = origins_m - origins_m.min(axis=0) + farthest_m + _STEP_M
+    n_cells = int(np.ceil((origins_m.max() + farthest_m) / _STEP_M)) + 2
+    starts = tuple(np.repeat(column, length_m.shape[1]) for column in origins_m.T)
 
-    def cells(counts: I64, along: F64) -> I64:
-        """Flat cell numbers of points on beams, *counts* of them on each, those of one beam after those of another."""
+    def cells(beams: I64, along_m: F64) -> I64:
+        """Flat cell numbers of points on beams; all lie beyond zero, where cutting off is rounding down."""
         x, y = (
-            (np.repeat(start, counts) + along * np.repeat(part, counts)).astype(np.int64)
+            ((start[beams] + along_m * part[beams]) / _STEP_M).astype(np.int64)
             for start, part in zip(starts, direction, strict=True)
         )
         return np.asarray(x * n_cells + y)
 
-    ends = lengths_m < farthest_m
-    hits = np.bincount(cells(ends.astype(np.int64), lengths_m[ends] / _STEP_M), minlength=n_cells**2)
-    # Points at fixed steps before the end of each beam.
+    ending = np.flatnonzero(lengths_m < farthest_m)
+    hits = np.bincount(cells(ending, lengths_m[ending]), minlength=n_cells**2)
+    # Points at fixed steps before the end of each beam, those of one beam after those of another.
     steps_m = np.arange(_STEP_M, farthest_m, _STEP_M)
     counts = np.searchsorted(steps_m, lengths_m - _BEFORE_END_M)
-    firsts = np.cumsum(counts) - counts
-    samples = cells(counts, np.arange(1.0, counts.sum() + 1.0) - np.repeat(firsts, counts))
-    passes = np.bincount(samples[np.repeat(np.isfinite(lengths_m), counts)], minlength=n_cells**2)
+    beams = np.repeat(np.arange(counts.size), counts)
+    numbers = np.arange(beams.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    samples = cells(beams, steps_m[numbers])
+    passes = np.bincount(samples[np.isfinite(lengths_m)[beams]], minlength=n_cells**2)
     is_solid = (hits >= _LEAST_HITS) & (hits >= _SOLID * (hits + passes))
     crosses = np.zeros(lengths_m.size, dtype=bool)
-    crosses[np.searchsorted(firsts + counts, np.flatnonzero(is_solid[samples]), side="right")] = True
+    crosses[beams[is_solid[samples]]] = True
     return crosses.reshape(length_m.shape)
