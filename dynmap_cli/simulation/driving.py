@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.simulation.robot import Robot, Step
+
+_HELD_S, _SHORTEST_S = 0.1, 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +29,18 @@ class Drive:
         Speed in m/s, negative = in reverse, and turn rate in rad/s.
     recorded : (n,) bool
         False while the robot is switched off.
+    carried : (n,) bool
+        While the robot is in somebody's hands; such a piece begins elsewhere than the one before ends.
+    rolled : (n, 3) float64
+        Where the wheels alone would have led at the begin of each piece.
     """
 
     times_s: F64
     poses: F64
     twists: F64
     recorded: B1
+    carried: B1
+    rolled: F64
 
     @property
     def duration_s(self) -> float:
@@ -40,9 +49,15 @@ class Drive:
 
     def at(self, times_s: F64) -> F64:
         """(m,) times -> (m, 3) world_from_robot, yaw not wrapped; the first and last pose hold outside."""
-        times = np.clip(times_s, self.times_s[0], self.times_s[-1])
-        piece = self._piece(times)
-        return _advance(self.poses[piece], self.twists[piece], times - self.times_s[piece])
+        return self._along(self.poses, times_s)
+
+    def rolled_at(self, times_s: F64) -> F64:
+        """(m,) times -> (m, 3) where the wheels alone would have led, without being carried."""
+        return self._along(self.rolled, times_s)
+
+    def is_carried(self, times_s: F64) -> B1:
+        """(m,) whether the robot is in somebody's hands."""
+        return np.asarray(self.carried[self._piece(times_s)])
 
     def is_recorded(self, times_s: F64) -> B1:
         """(m,) whether the robot is switched on."""
@@ -73,6 +88,12 @@ class Drive:
         knots = np.concatenate([[0.0], np.cumsum(np.abs(self.twists[:, 0]) * np.diff(self.times_s))])
         return np.asarray(np.interp(distance_m, knots, self.times_s))
 
+    def _along(self, begins: F64, times_s: F64) -> F64:
+        """Poses at some times on pieces that begin there."""
+        times = np.clip(times_s, self.times_s[0], self.times_s[-1])
+        piece = self._piece(times)
+        return _advance(begins[piece], self.twists[piece], times - self.times_s[piece])
+
     def _piece(self, times_s: F64) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
         """Which piece each time falls into."""
         found = np.searchsorted(self.times_s, times_s, side="right") - 1
@@ -81,15 +102,25 @@ class Drive:
 
 def plan_drive(robot: Robot) -> Drive:
     """Turn the steps of a robot's path into pieces of constant twist."""
-    pieces = [piece for piece in _pieces(robot) if piece[2] > 0.0] or [(0.0, 0.0, 1e-3, True)]
-    twists = np.array([piece[:2] for piece in pieces])
-    durations = np.array([piece[2] for piece in pieces])
-    poses = np.empty((len(pieces), 3))
-    poses[0] = _first_pose(robot)
+    pieces = [piece for piece in _pieces(robot) if piece.seconds > 0.0] or [Piece(0.0, 0.0, 1e-3)]
+    twists = np.array([(piece.speed_mps, piece.turn_rate) for piece in pieces])
+    durations = np.array([piece.seconds for piece in pieces])
+    poses, rolled = np.empty((len(pieces), 3)), np.empty((len(pieces), 3))
+    poses[0] = rolled[0] = _first_pose(robot)
     for number in range(1, len(pieces)):
-        poses[number] = _advance(poses[number - 1], twists[number - 1], durations[number - 1])
-    times = np.concatenate([[0.0], np.cumsum(durations)])
-    return Drive(times, poses, twists, np.array([piece[3] for piece in pieces], dtype=bool))
+        for begins in (poses, rolled):
+            begins[number] = _advance(begins[number - 1], twists[number - 1], durations[number - 1])
+        put = pieces[number].put
+        if put is not None:
+            poses[number] = put
+    return Drive(
+        np.concatenate([[0.0], np.cumsum(durations)]),
+        poses,
+        twists,
+        np.array([piece.is_recorded for piece in pieces], dtype=bool),
+        np.array([piece.put is not None for piece in pieces], dtype=bool),
+        rolled,
+    )
 
 
 def _advance(poses: F64, twists: F64, seconds: F64) -> F64:
@@ -114,8 +145,14 @@ def _first_pose(robot: Robot) -> F64:
     return np.array([*start, 0.0])
 
 
-Piece = tuple[float, float, float, bool]
-"""Speed, turn rate, duration, whether recorded."""
+class Piece(NamedTuple):
+    """What the robot does for a while; *put* is where it is held meanwhile by somebody who carries it."""
+
+    speed_mps: float
+    turn_rate: float
+    seconds: float
+    is_recorded: bool = True
+    put: tuple[float, float, float] | None = None
 
 
 def _pieces(robot: Robot) -> Iterator[Piece]:
@@ -130,20 +167,40 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
             heading = math.atan2(step.to[1] - y, step.to[0] - x) + (math.pi if step.backwards else 0.0)
             turn = math.remainder(heading - yaw, 2.0 * math.pi)
             if cut == 0.0:
-                yield 0.0, math.copysign(rate, turn), abs(turn) / rate, True
+                yield Piece(0.0, math.copysign(rate, turn), abs(turn) / rate)
             sign = -1.0 if step.backwards else 1.0
             following = steps[number + 1] if number + 1 < len(steps) else None
             next_cut = _cut_length(robot, (x, y), step.to, step, following)
             straight = length - cut - next_cut
-            yield sign * robot.speed_mps, 0.0, straight / robot.speed_mps, True
+            yield Piece(sign * robot.speed_mps, 0.0, straight / robot.speed_mps)
             (x, y), yaw = step.to, heading
             if next_cut > 0.0:
                 assert following is not None and following.to is not None
                 yield _arc(robot, (x, y), yaw, following.to, next_cut)
                 yaw = math.atan2(following.to[1] - y, following.to[0] - x)
             cut = next_cut
-        yield 0.0, 0.0, step.wait_s, True
-        yield 0.0, 0.0, step.off_s, False
+        yield Piece(0.0, 0.0, step.wait_s)
+        yield Piece(0.0, 0.0, step.off_s, is_recorded=False)
+        if step.carried_to is not None:
+            target = (*step.carried_to[:2], math.radians(step.carried_to[2]))
+            yield from _carried((x, y, yaw), target, step.carried_s)
+            x, y, yaw = target
+
+
+def _carried(
+    begin: tuple[float, float, float], end: tuple[float, float, float], seconds: float
+) -> Iterator[Piece]:
+    """From one pose straight to another in somebody's hands, held for a moment at a time."""
+    turn = math.remainder(end[2] - begin[2], 2.0 * math.pi)
+    count = max(round(seconds / _HELD_S), 1)
+    for number in range(1, count + 1):
+        share = number / count
+        put = (
+            begin[0] + share * (end[0] - begin[0]),
+            begin[1] + share * (end[1] - begin[1]),
+            begin[2] + share * turn,
+        )
+        yield Piece(0.0, 0.0, max(seconds / count, _SHORTEST_S), put=put)
 
 
 def _cut_length(
@@ -155,6 +212,7 @@ def _cut_length(
         or following.to is None
         or step.wait_s
         or step.off_s
+        or step.carried_to is not None
         or step.backwards
         or following.backwards
     ):
@@ -186,4 +244,4 @@ def _arc(
     angle = math.remainder(outgoing - yaw, 2.0 * math.pi)
     radius = cut / math.tan(abs(angle) / 2.0)
     speed = min(robot.speed_mps, math.radians(robot.turn_rate_degps) * radius)
-    return speed, math.copysign(speed / radius, angle), radius * abs(angle) / speed, True
+    return Piece(speed, math.copysign(speed / radius, angle), radius * abs(angle) / speed)

@@ -29,7 +29,7 @@ def count_wheels(drive: Drive, settings: Odometry, times_s: F64, seed: int) -> F
         odom_from_robot; the first is the origin.
     """
     draw = stream(seed, "odometry")
-    true = drive.at(times_s - settings.lag_s)
+    true = drive.rolled_at(times_s - settings.lag_s)
     steps = np.diff(true, axis=0)
     middle = true[:-1, 2] + 0.5 * steps[:, 2]
     ahead = np.cos(middle) * steps[:, 0] + np.sin(middle) * steps[:, 1]

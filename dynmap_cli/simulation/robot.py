@@ -25,12 +25,19 @@ _MOST_STEPS = 20_000
 
 
 class Step(Part):
-    """One step of the robot's path: go somewhere, wait, or be switched off."""
+    """One step of the robot's path: go somewhere, wait, be switched off, or be carried."""
 
     to: Point | None = None
     backwards: bool = Field(False, description="Drive there in reverse.")
     wait_s: Seconds = Field(0.0, description="Stand afterwards, measuring.")
     off_s: Seconds = Field(0.0, description="Stand afterwards, switched off: nothing is recorded.")
+    carried_to: tuple[Coordinate, Coordinate, Degrees] | None = Field(
+        None,
+        description="Then be lifted and set down here, x, y in m, yaw in deg; the wheels do not count it.",
+    )
+    carried_s: Seconds = Field(
+        0.0, description="How long that takes, measuring: the laser is tilted meanwhile."
+    )
 
 
 def _step_from_point(value: Any) -> Any:

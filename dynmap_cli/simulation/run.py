@@ -20,7 +20,15 @@ from dynmap_cli.simulation.odometry import count_wheels
 from dynmap_cli.simulation.randomness import stream
 from dynmap_cli.simulation.robot import Laser
 from dynmap_cli.simulation.scenario import Scenario
-from dynmap_cli.simulation.sensing import FIRST_OBJECT, MOVING, NO_RETURN, STATIC, bearings_of, measure
+from dynmap_cli.simulation.sensing import (
+    FIRST_OBJECT,
+    MOVING,
+    NO_RETURN,
+    STATIC,
+    bearings_of,
+    hide_behind_floor,
+    measure,
+)
 from dynmap_cli.simulation.shapes import Shapes, shapes_of
 from dynmap_cli.simulation.true_map import draw_true_map
 from dynmap_cli.simulation.worlds import expand
@@ -181,7 +189,13 @@ def _sweep(stage: _Stage, laser: Laser, times_s: F64, draw: np.random.Generator)
         hits,
         cosines,
     )
-    return measure(ranges, cosines, _class_of(hits, stage.shapes), laser, draw)
+    classes = _class_of(hits, stage.shapes)
+    held = stage.drive.is_carried(times_s)
+    if held.any():
+        in_hands = ranges[held], classes[held]
+        hide_behind_floor(*in_hands, bearings, draw)
+        ranges[held], classes[held] = in_hands
+    return measure(ranges, cosines, classes, laser, draw)
 
 
 def _sensor(robot: F64, laser: Laser) -> F64:

@@ -13,6 +13,7 @@ STATIC, MOVING, NO_RETURN, MIXED, FIRST_OBJECT = 0, 1, 2, 3, 10
 """Classes of beams: a wall; something that moves; no end point; an end point between two surfaces;
 FIRST_OBJECT + k: door or box k."""
 _EDGE_M = 0.15
+_FLOOR_M = (0.5, 3.0)
 
 
 def bearings_of(laser: Laser) -> F64:
@@ -21,6 +22,26 @@ def bearings_of(laser: Laser) -> F64:
     step = math.radians(laser.fov_deg) / gaps
     bearings = -math.radians(laser.fov_deg) / 2.0 + step * np.arange(laser.beams, dtype=np.float64)
     return -bearings if laser.clockwise else bearings
+
+
+def hide_behind_floor(ranges: F64, classes: I32, bearings: F64, draw: np.random.Generator) -> None:
+    """What a laser sees that somebody holds: tilted, so that beams of one side meet the floor before anything else.
+
+    Parameters
+    ----------
+    ranges : (n_scans, n_beams) float64
+        Distance to what each beam would meet; changed in place.
+    classes : (n_scans, n_beams) int32
+        Likewise.
+    bearings : (n_beams,) float64
+    draw : Generator
+    """
+    steepest = draw.uniform(-math.pi, math.pi, (ranges.shape[0], 1))
+    floor_m = draw.uniform(*_FLOOR_M, (ranges.shape[0], 1))
+    away = np.maximum(np.cos(bearings - steepest), 1e-3)
+    hidden = floor_m / away < ranges
+    ranges[hidden] = (floor_m / away)[hidden]
+    classes[hidden] = MOVING
 
 
 def measure(
