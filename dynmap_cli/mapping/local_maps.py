@@ -95,30 +95,51 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     key_poses : (n_keys, 3) float64
         Their poses, which are good over a few metres.
     """
-    sums = np.zeros((2 * _HALF_CELLS, 2 * _HALF_CELLS, 3), dtype=np.int64)
-    points, normals = np.empty((_MAX_POINTS, 2), np.float32), np.empty((_MAX_POINTS, 2), np.float32)
-    maps = []
-    free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
+    collector, maps = Collector(sweeps, rays), []
     for anchor, members in _members(sweeps.drive_index[keys]):
-        scans = keys[members]
-        count = collect_local_map(
-            *sweeps.read(scans),
-            sweeps.geometry_index[scans],
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            rays.beam_interval_s,
-            twists[scans],
-            between(key_poses[anchor], key_poses[members]),
-            _SPACING_M,
-            sums,
-            points,
-            normals,
-            free,
-        )
-        packed = np.packbits(free, axis=1)
-        maps.append(LocalMap(anchor, points[:count].copy(), normals[:count].copy(), packed))
+        poses = between(key_poses[anchor], key_poses[members])
+        maps.append(collector.collect(anchor, keys[members], poses, twists))
     return maps
+
+
+class Collector:
+    """Makes local maps of some scans, one after another in the same memory."""
+
+    def __init__(self, sweeps: Sweeps, rays: Rays) -> None:
+        self._sweeps, self._rays = sweeps, rays
+        self._sums = np.zeros((2 * _HALF_CELLS, 2 * _HALF_CELLS, 3), dtype=np.int64)
+        self._points, self._normals = (np.empty((_MAX_POINTS, 2), np.float32) for _ in range(2))
+        self._free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
+
+    def collect(self, anchor: int, scans: I64, poses: F64, twists: F64) -> LocalMap:
+        """What some scans saw.
+
+        Parameters
+        ----------
+        anchor : int
+        scans : (k,) int64
+        poses : (k, 3) float64
+            anchor_from_robot.
+        twists : (n_scans, 3) float64
+            Velocity during each scan.
+        """
+        count = collect_local_map(
+            *self._sweeps.read(scans),
+            self._sweeps.geometry_index[scans],
+            self._rays.directions,
+            self._rays.sensor_poses,
+            self._rays.usable_m,
+            self._rays.beam_interval_s,
+            twists[scans],
+            poses,
+            _SPACING_M,
+            self._sums,
+            self._points,
+            self._normals,
+            self._free,
+        )
+        packed = np.packbits(self._free, axis=1)
+        return LocalMap(anchor, self._points[:count].copy(), self._normals[:count].copy(), packed)
 
 
 def _members(drive_index: I32) -> Iterator[tuple[int, I64]]:

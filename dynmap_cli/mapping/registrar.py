@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from dynmap_cli.arrays import B1, F64
 from dynmap_cli.counting.counts import Rays, rays_of
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph, close_loops
+from dynmap_cli.mapping.carried import Carry, find_carries
 from dynmap_cli.mapping.front_end import Registered, register
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.odometry import calibrate, corrected_motion, lacks_sign
@@ -48,6 +50,8 @@ class Registrar:
         Likewise.
     wheel_faults : tuple of WheelFault
         Where the odometry was not believed.
+    carries : tuple of Carry
+        Where the robot seems to have been carried, by the first matching.
     """
 
     def __init__(self, log: ScanLog, usable_range_m: float, *, is_crowded: bool = False) -> None:
@@ -61,6 +65,7 @@ class Registrar:
         self.graph: Graph | None = None
         self.front: Registered | None = None
         self.wheel_faults: tuple[WheelFault, ...] = ()
+        self.carries: tuple[Carry, ...] = ()
         self._is_calibrated = False
         self._wrong_wheels: list[tuple[int, ...]] | None = None
 
@@ -89,6 +94,9 @@ class Registrar:
             if self._wrong_wheels:
                 del front
                 front = self._register(sweeps, without_steps(motion, self._wrong_wheels), self.calibration)
+            self.carries = tuple(
+                find_carries(sweeps, self.rays, front, motion, partial(self._match, sweeps, motion))
+            )
         reversible = self.calibration.reversible
         self.wheel_faults = tuple(
             find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
@@ -96,6 +104,10 @@ class Registrar:
         self.front = front
         self.graph = close_loops(sweeps, self.rays, front, LoopParams(), _log.debug)
         return front, self.graph
+
+    def _match(self, sweeps: Sweeps, motion: F64, first: int, last: int) -> Registered:
+        """The scans first..last - 1 without those before."""
+        return self._register(sweeps.part(first, last), motion[first:last], self.calibration)
 
     def _find_wrong_wheels(self, sweeps: Sweeps, motion: F64, front: Registered) -> list[tuple[int, ...]]:
         """Steps whose odometry seems wrong, and without which the scans fit clearly better."""

@@ -23,6 +23,7 @@ from dynmap_cli.mapping.registrar import Registrar
 from dynmap_cli.mapping.rounds import FilterMap, Round, build_filter_map
 from dynmap_cli.mapping.warnings import (
     warn_of_bent_path,
+    warn_of_carries,
     warn_of_contradictions,
     warn_of_corridors,
     warn_of_lost_scans,
@@ -127,6 +128,7 @@ def _registration_summary(log: ScanLog, result: FilterMap, graph: Graph) -> tupl
         "contradictions": round(graph.contradictions, 4),
         "calibrations": [_rounded(asdict(drive.calibration)) for drive in result.drives],
         "wheel_faults": [_rounded(asdict(fault)) for drive in result.drives for fault in drive.wheel_faults],
+        "carried_s": [_carried_s(drive) for drive in result.drives],
     }
     lines: list[str] = []
     warnings: list[str] = []
@@ -161,11 +163,21 @@ def _drive_warnings(drive: Registrar, poses: F64, n_loops: int) -> list[str]:
     motion = corrected_motion(log.odometry[order], times_of(log), drive.calibration)
     believed = without_steps(motion, [fault.steps for fault in drive.wheel_faults])
     return [
+        *warn_of_carries(_carried_s(drive)),
         *warn_of_odometry(drive.calibration),
         *warn_of_wheels(drive.wheel_faults),
         *warn_of_corridors(front.poses, front.information, has_odometry=has_odometry),
         *warn_of_bent_path(believed, poses[order], n_loops),
         *warn_of_lost_scans(int(front.is_lost.sum()), log.n_scans, has_odometry=has_odometry),
+    ]
+
+
+def _carried_s(drive: Registrar) -> list[tuple[float, float]]:
+    """From when to when the robot seems to have been carried, seconds since the first sweep of the drive."""
+    times_s = times_of(drive.log)
+    return [
+        (round(float(times_s[carry.last_before]), 3), round(float(times_s[carry.first_after]), 3))
+        for carry in drive.carries
     ]
 
 

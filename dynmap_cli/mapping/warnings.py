@@ -22,6 +22,16 @@ _LONG_WAY_M = 50.0
 _BENT_RAD = np.radians(10.0)
 
 
+def warn_of_carries(times_s: Sequence[tuple[float, float]]) -> list[str]:
+    """Where the robot seems to have been carried: from and to, seconds since the first sweep of the drive."""
+    return [
+        f"at t = {begin_s:.1f} s the robot seems to have been carried (until t = {end_s:.1f} s): what it saw before "
+        "and after contradicts its odometry. The map may be bent there; cut the recording at this time, and build the "
+        "parts together, as two recordings"
+        for begin_s, end_s in times_s
+    ]
+
+
 def warn_of_odometry(calibration: Calibration) -> list[str]:
     """Late or early stamps, and a missing sign."""
     lines = []
