@@ -136,6 +136,7 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     joined.dropped += recording.dropped
     joined.damage += recording.damage
     joined.warnings += recording.warnings
+    joined.notes += recording.notes
     joined.n_read += recording.n_read
 
 
