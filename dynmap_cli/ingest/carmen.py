@@ -16,8 +16,9 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between, wrap_angle
-from dynmap_cli.ingest.carmen_lines import Line, take_apart
+from dynmap_cli.ingest.carmen_lines import Line, fault_of, take_apart
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
+from dynmap_cli.ingest.lost_lines import LostLines
 from dynmap_cli.ingest.plausible import FARTHEST_M, are_coordinates, stamps_of_words, to_ranges_m
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, Topic
 from dynmap_cli.ingest.raw_laser import ScanShape
@@ -36,10 +37,10 @@ _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 def read_carmen(path: Path, name: str, folder: Path | None = None) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
     reader = _Reader(RawRecording(name, "CARMEN text", folder=folder))
-    for line in text_lines(path, reader.recording.drop_broken):
+    for number, line in text_lines(path, reader.recording.drop_broken):
         words = line.split(None, 1)
         if words and not words[0].startswith(b"#"):
-            reader.take(words[0], line)
+            reader.take(words[0], number, line)
     reader.finish()
     return reader.recording
 
@@ -50,12 +51,14 @@ class _Reader:
     def __init__(self, recording: RawRecording) -> None:
         self.recording = recording
         self.counts: Counter[str] = Counter()
-        self.waiting: dict[str, list[Line]] = {}
+        self.lost = LostLines(fault_of)
+        self.waiting: dict[str, list[tuple[Line, int, bytes]]] = {}
+        """Parts, number and text of lines, by kind."""
         self.waiting_bytes = 0
         self.laser_poses: dict[str, list[F64]] = {}
         self.front_offset_m: float | None = None
 
-    def take(self, word: bytes, line: bytes) -> None:
+    def take(self, word: bytes, number: int, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
         name = _name_of(word)
         if not name:
@@ -69,12 +72,12 @@ class _Reader:
         try:
             found = take_apart(word, line)
         except (ValueError, IndexError):
-            self._lost(name)
+            self.lost.add(name, number, line)
             return
         if found is None:
             return
         lines = self.waiting.setdefault(name, [])
-        lines.append(found)
+        lines.append((found, number, line))
         self.waiting_bytes += len(found.text)
         if len(lines) >= _BATCH or self.waiting_bytes >= _BATCH_BYTES:
             self._parse_waiting()
@@ -100,17 +103,18 @@ class _Reader:
         for name, lines in waiting.items():
             self._parse(name, lines)
 
-    def _parse(self, name: str, lines: list[Line]) -> None:
+    def _parse(self, name: str, waiting: list[tuple[Line, int, bytes]]) -> None:
         """Parse lines of one kind; one by one where some are malformed."""
+        lines = [line for line, _, _ in waiting]
         try:
             stamps_ns = stamps_of_words([line.stamp for line in lines])
             poses = _poses_of(lines)
             runs = [] if lines[0].shape is None else _ranges_of(lines)
         except ValueError:
-            if len(lines) == 1:
-                self._lost(name)
+            if len(waiting) == 1:
+                self.lost.add(name, *waiting[0][1:])
             else:
-                for line in lines:
+                for line in waiting:
                     self._parse(name, [line])
             return
         self.recording.n_read += len(lines)
@@ -131,13 +135,10 @@ class _Reader:
         if runs and poses.size:
             self.laser_poses.setdefault(name, []).append(poses)
 
-    def _lost(self, word: str) -> None:
-        """Count a line that does not parse."""
-        self.recording.drop_broken(f"{word} line that does not parse")
-
     def finish(self) -> None:
         """Parse the rest, find how the lasers are mounted, and replace stamps that were lost."""
         self._parse_waiting()
+        self.lost.tell(self.recording)
         self.recording.topics = [Topic(word, "line", count) for word, count in sorted(self.counts.items())]
         self._leave_out_twins()
         for word, parts in self.laser_poses.items():

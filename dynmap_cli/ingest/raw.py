@@ -172,9 +172,9 @@ class RawRecording:
         stamps = [laser.stamps_ns for laser in self.lasers.values()]
         return int(min(part.min() for part in stamps)), int(max(part.max() for part in stamps))
 
-    def drop_broken(self, what: str) -> None:
-        """Count a message or line that is broken."""
-        self.dropped[what] += 1
+    def drop_broken(self, what: str, count: int = 1) -> None:
+        """Count messages or lines that are broken."""
+        self.dropped[what] += count
         if what not in self.damage:
             self.damage.append(what)
 

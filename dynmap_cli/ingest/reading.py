@@ -58,6 +58,11 @@ from dynmap_cli.ingest.wean import read_wean
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
+_WANTED = {
+    "CARMEN text": "FLASER, RLASER, ROBOTLASER or RAWLASER lines",
+    "Wean Hall text": "L lines of 180 readings",
+}
+"""What text logs hold sweeps in."""
 _FARTHEST_LASER_M = 20.0
 _AT_CENTRE = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False, is_assumed=True)
 
@@ -196,9 +201,10 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
     for recording in recordings:
         if not recording.lasers:
             found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
+            wanted = _WANTED.get(recording.kind, "sensor_msgs/LaserScan or PointCloud2")
             msg = (
                 f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{_lost(recording)}. "
-                "Record sensor_msgs/LaserScan or PointCloud2, or pass another recording."
+                f"Record {wanted}, or pass another recording."
             )
             raise LogError(msg)
 
@@ -209,9 +215,13 @@ def _refused(recording: RawRecording) -> LogError:
     short = f"{file_name(recording.name)}: this {recording.kind} is "
     told = [line.removeprefix(short) for line in recording.warnings]
     told.sort(key=lambda line: not line.startswith("cut off or damaged"))
-    left = [why for why in recording.damage[:3] if not any(why in line for line in told)]
-    damage = [f"damaged ({'; '.join(left)})"] if left else []
+    left = [
+        why
+        for why in recording.damage[:3]
+        if why not in recording.dropped and not any(why in line for line in told)
+    ]
     dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
+    damage = [f"damaged ({'; '.join(left)})"] if left else ["damaged"] if dropped and not told else []
     return LogError(
         f"{head}{'; '.join([*damage, *told, *dropped])}. "
         "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
