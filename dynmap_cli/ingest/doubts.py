@@ -8,6 +8,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
+from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.columns import blocks_of, picked
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawRecording, file_name
@@ -16,6 +17,8 @@ from dynmap_cli.ingest.track_quality import jumps_m
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
 _MOST_BEAMS = 8
+_LEAST_BEAMS = 3
+"""A pose has three unknowns, and a beam tells one."""
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
 
@@ -86,6 +89,31 @@ def note_stamps(lasers: Sequence[RawLaser], recording: RawRecording) -> None:
             )
         if pause_s > _LONG_PAUSE_S:
             recording.warnings.append(f"{laser.name}: no scans for up to {pause_s:.1f} s")
+
+
+def note_few_beams(lasers: Sequence[RawLaser], recording: RawRecording, *, has_odometry: bool) -> None:
+    """Say how many sweeps have fewer beams than a pose has unknowns.
+
+    Raises
+    ------
+    LogError
+        If these are all sweeps, and without odometry nothing says where the robot was.
+    """
+    few = {laser.name: int(np.count_nonzero(laser.n_beams < _LEAST_BEAMS)) for laser in lasers}
+    n_scans = sum(laser.n_scans for laser in lasers)
+    if not has_odometry and sum(few.values()) == n_scans:
+        msg = (
+            f"{recording.name}: each of the {n_scans} scans has fewer than {_LEAST_BEAMS} beams, too few to find a "
+            "pose from, and there is no odometry. Pass a recording with odometry, or of a laser that sweeps."
+        )
+        raise LogError(msg)
+    for laser in lasers:
+        if few[laser.name]:
+            recording.warnings.append(
+                f"{laser.name}: {few[laser.name]} of {laser.n_scans} scans have fewer than {_LEAST_BEAMS} beams, too "
+                f"few to find a pose from; {'odometry' if has_odometry else 'the other scans'} alone can say "
+                "where the robot was"
+            )
 
 
 def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:

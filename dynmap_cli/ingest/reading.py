@@ -23,6 +23,7 @@ from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
     note_damaged_pack,
+    note_few_beams,
     note_odometry,
     note_shared_stamps,
     note_stamps,
@@ -50,6 +51,7 @@ from dynmap_cli.ingest.odometry import (
 from dynmap_cli.ingest.own_body import mask, unused_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
+from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
@@ -58,11 +60,6 @@ from dynmap_cli.ingest.wean import read_wean
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
-_WANTED = {
-    "CARMEN text": "FLASER, RLASER, ROBOTLASER or RAWLASER lines",
-    "Wean Hall text": "L lines of 180 readings",
-}
-"""What text logs hold sweeps in."""
 _FARTHEST_LASER_M = 20.0
 _AT_CENTRE = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False, is_assumed=True)
 
@@ -134,6 +131,11 @@ def _merge_drive(
     joined.give_back()
     poses = _cut_ends(columns, odometry, joined)
     note_stamps([choice.view.laser for choice in used], joined)
+    note_few_beams(
+        [choice.view.laser for choice in used],
+        joined,
+        has_odometry=bool(np.isfinite(poses).all(axis=1).any()),
+    )
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
@@ -191,47 +193,9 @@ def load_recordings(
         if source.damage and source.damage not in recording.damage:
             note_damaged_pack(recording, source.damage)
         if settings.strict and recording.damage:
-            raise _refused(recording)
+            raise damage_refused(recording)
         drop_impossible(recording)
     return recordings
-
-
-def require_lasers(recordings: Sequence[RawRecording]) -> None:
-    """Refuse recordings without a laser."""
-    for recording in recordings:
-        if not recording.lasers:
-            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
-            wanted = _WANTED.get(recording.kind, "sensor_msgs/LaserScan or PointCloud2")
-            msg = (
-                f"{recording.name}: no laser scans in this {recording.kind}; it holds {found}{_lost(recording)}. "
-                f"Record {wanted}, or pass another recording."
-            )
-            raise LogError(msg)
-
-
-def _refused(recording: RawRecording) -> LogError:
-    """One line for a damaged recording that is not to be read in part."""
-    head = f"{recording.name}: this {recording.kind} is "
-    short = f"{file_name(recording.name)}: this {recording.kind} is "
-    told = [line.removeprefix(short) for line in recording.warnings]
-    told.sort(key=lambda line: not line.startswith("cut off or damaged"))
-    left = [
-        why
-        for why in recording.damage[:3]
-        if why not in recording.dropped and not any(why in line for line in told)
-    ]
-    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
-    damage = [f"damaged ({'; '.join(left)})"] if left else ["damaged"] if dropped and not told else []
-    return LogError(
-        f"{head}{'; '.join([*damage, *told, *dropped])}. "
-        "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
-    )
-
-
-def _lost(recording: RawRecording) -> str:
-    """What was left out of a recording that is refused, to be put at the end of a clause."""
-    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
-    return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
 def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
@@ -361,7 +325,7 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
         reach = f"{shape.range_max_m:g} m" if np.isfinite(shape.range_max_m) else "a reach that is not stated"
         msg = (
             f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and {reach}"
-            f"{_lost(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
+            f"{losses_of(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
         )
         raise LogError(msg)
     if says_something.all():
