@@ -47,6 +47,7 @@ def screen(report: IngestReport) -> list[str]:
         *labelled("odometry", _odometry(report)),
         *labelled("left out", (f"{count} x {reason}" for reason, count in sorted(report.dropped.items()))),
         *labelled("other topics", _others(topics, report)),
+        *labelled("note", report.notes),
         *labelled("warning", report.warnings),
     ]
 

@@ -60,6 +60,7 @@ def report_on(
         scans_without_odometry=int(np.count_nonzero(~log.has_odometry)),
         dropped=dict(joined.dropped),
         warnings=tuple(joined.warnings),
+        notes=tuple(joined.notes),
         why_apart=drive.why_apart,
         first_stamp_ns=int(log.stamps_ns[0]),
         damage=tuple(joined.damage),

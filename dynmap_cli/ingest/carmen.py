@@ -1,79 +1,48 @@
-"""CARMEN text logs: FLASER, RLASER, ROBOTLASER1, ROBOTLASER2 and ODOM lines.
+"""CARMEN text logs: sweeps of FLASER, RLASER and ROBOTLASER lines, which carry poses, else of RAWLASER lines.
 
-First pose of FLASER = laser, second = robot, both in the odometry frame:
-`FLASER n r1..rn x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp`,
-`ODOM x y theta tv rv accel ipc_timestamp host logger_timestamp`,
-`ROBOTLASER1 type start_angle fov resolution max_range accuracy remission_mode n r1..rn n_remission ..
-laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv forward_safety side_safety turn_axis
-ipc_timestamp host logger_timestamp`.
+RAWLASER lines hold what the driver sent, without a pose: the robot was where the ODOM lines say. Where other lines
+hold the same sweeps with their poses, these are used, and each sweep once.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
 from dynmap_cli.domain.poses import between, wrap_angle
+from dynmap_cli.ingest.carmen_lines import Line, fault_of, take_apart
 from dynmap_cli.ingest.decimals import parse_decimals, parse_numbers
-from dynmap_cli.ingest.plausible import FARTHEST_M, are_coordinates, is_sweep, stamps_of_words, to_ranges_m
+from dynmap_cli.ingest.lost_lines import LostLines
+from dynmap_cli.ingest.plausible import FARTHEST_M, are_coordinates, stamps_of_words, to_ranges_m
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, Topic
 from dynmap_cli.ingest.raw_laser import ScanShape
 from dynmap_cli.ingest.text_lines import text_lines
 
-_OLD_LASERS = (b"FLASER", b"RLASER")
-_NEW_LASERS = (b"ROBOTLASER1", b"ROBOTLASER2")
+_SAME_SWEEPS = {"RAWLASER1": ("FLASER", "ROBOTLASER1"), "RAWLASER2": ("RLASER", "ROBOTLASER2")}
+"""Lines without a pose, and those that hold the same sweeps with one."""
+_FRONT_OFFSET = b"robot_frontlaser_offset"
+_FRONT = "RAWLASER1"
 _KIND = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,31}")
-_ODOM_WORDS = 10
 _BATCH, _BATCH_BYTES = 64, 1 << 22
 _NO_STAMP_STEP_NS = 10**9
-_SHORTEST_M = 0.01
-_SICK_REACH_M = 80.0
 _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 
 
 def read_carmen(path: Path, name: str, folder: Path | None = None) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
     reader = _Reader(RawRecording(name, "CARMEN text", folder=folder))
-    for line in text_lines(path, reader.recording.drop_broken):
+    for number, line in text_lines(path, reader.recording.drop_broken):
         words = line.split(None, 1)
         if words and not words[0].startswith(b"#"):
-            reader.take(words[0], line)
+            reader.take(words[0], number, line)
     reader.finish()
     return reader.recording
-
-
-class _Line(NamedTuple):
-    """A line whose numbers are not parsed yet.
-
-    Attributes
-    ----------
-    word : str
-        First word of the line.
-    stamp : bytes
-    poses : list of bytes
-        Six numbers: laser, robot; of ODOM lines three.
-    shape : ScanShape or None
-        None = no sweep.
-    text : bytes
-        Ranges, in new lines followed by the count of remissions and these.
-    n_numbers : int
-        How many numbers *text* should hold.
-    """
-
-    word: str
-    stamp: bytes
-    poses: list[bytes]
-    shape: ScanShape | None = None
-    text: bytes = b""
-    n_numbers: int = 0
 
 
 class _Reader:
@@ -82,34 +51,51 @@ class _Reader:
     def __init__(self, recording: RawRecording) -> None:
         self.recording = recording
         self.counts: Counter[str] = Counter()
-        self.waiting: dict[str, list[_Line]] = {}
+        self.lost = LostLines(fault_of)
+        self.waiting: dict[str, list[tuple[Line, int, bytes]]] = {}
+        """Parts, number and text of lines, by kind."""
         self.waiting_bytes = 0
         self.laser_poses: dict[str, list[F64]] = {}
+        self.front_offset_m: float | None = None
 
-    def take(self, word: bytes, line: bytes) -> None:
+    def take(self, word: bytes, number: int, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
         name = _name_of(word)
         if not name:
             self.recording.dropped["line of no known kind"] += 1
             return
         self.counts[name] += 1
+        if word == b"PARAM":
+            self._take_setting(line)
+        if self._twin_of(name):
+            return
         try:
-            if word in _OLD_LASERS:
-                found = _old_laser(name, line)
-            elif word in _NEW_LASERS:
-                found = _new_laser(name, line)
-            elif word == b"ODOM":
-                found = _odometry_of(name, line)
-            else:
-                return
+            found = take_apart(word, line)
         except (ValueError, IndexError):
-            self._lost(name)
+            self.lost.add(name, number, line)
+            return
+        if found is None:
             return
         lines = self.waiting.setdefault(name, [])
-        lines.append(found)
+        lines.append((found, number, line))
         self.waiting_bytes += len(found.text)
         if len(lines) >= _BATCH or self.waiting_bytes >= _BATCH_BYTES:
             self._parse_waiting()
+
+    def _take_setting(self, line: bytes) -> None:
+        """Remember how far ahead of the robot's centre the front laser sits, metres."""
+        words = line.split()
+        if len(words) > 2 and words[1] == _FRONT_OFFSET:
+            try:
+                offset_m = float(words[2])
+            except ValueError:
+                return
+            if are_coordinates((offset_m,)):
+                self.front_offset_m = offset_m
+
+    def _twin_of(self, name: str) -> str:
+        """The lines that hold the same sweeps with their poses, of which some were read; "" where there are none."""
+        return next((twin for twin in _SAME_SWEEPS.get(name, ()) if twin in self.recording.lasers), "")
 
     def _parse_waiting(self) -> None:
         """Parse all waiting lines."""
@@ -117,55 +103,66 @@ class _Reader:
         for name, lines in waiting.items():
             self._parse(name, lines)
 
-    def _parse(self, name: str, lines: list[_Line]) -> None:
+    def _parse(self, name: str, waiting: list[tuple[Line, int, bytes]]) -> None:
         """Parse lines of one kind; one by one where some are malformed."""
+        lines = [line for line, _, _ in waiting]
         try:
             stamps_ns = stamps_of_words([line.stamp for line in lines])
-            width = len(lines[0].poses)
-            poses = parse_numbers(b" ".join([b" ".join(line.poses) for line in lines])).reshape(-1, width)
-            if poses.shape[0] != len(lines) or not (np.abs(poses) <= FARTHEST_M).all():
-                msg = "not a plausible pose"
-                raise ValueError(msg)
+            poses = _poses_of(lines)
             runs = [] if lines[0].shape is None else _ranges_of(lines)
         except ValueError:
-            if len(lines) == 1:
-                self._lost(name)
+            if len(waiting) == 1:
+                self.lost.add(name, *waiting[0][1:])
             else:
-                for line in lines:
+                for line in waiting:
                     self._parse(name, [line])
             return
         self.recording.n_read += len(lines)
-        track = self.recording.odometry.get(name)
-        if track is None:
-            track = self.recording.odometry[name] = RawOdometry(name)
-        track.add_many(stamps_ns, poses[:, -3:])
+        if poses.size:
+            track = self.recording.odometry.get(name)
+            if track is None:
+                track = self.recording.odometry[name] = RawOdometry(name)
+            track.add_many(stamps_ns, poses[:, -3:])
+        # Without a pose the laser is not at the robot's centre, but in a frame that nothing joins to it.
+        frame = "" if poses.size else name
         start = 0
         for shape, ranges_m in runs:
             run = slice(start, start + ranges_m.shape[0])
-            laser = self.recording.laser(name)
+            laser = self.recording.laser(name, frame)
             number = np.full(ranges_m.shape[0], laser.number_of(shape), dtype=np.int32)
             laser.add_many(stamps_ns[run], stamps_ns[run], ranges_m, number, np.zeros(number.size))
             start = run.stop
-        if runs:
+        if runs and poses.size:
             self.laser_poses.setdefault(name, []).append(poses)
-
-    def _lost(self, word: str) -> None:
-        """Count a line that does not parse."""
-        self.recording.drop_broken(f"{word} line that does not parse")
 
     def finish(self) -> None:
         """Parse the rest, find how the lasers are mounted, and replace stamps that were lost."""
         self._parse_waiting()
+        self.lost.tell(self.recording)
         self.recording.topics = [Topic(word, "line", count) for word, count in sorted(self.counts.items())]
-        for word, laser in self.recording.lasers.items():
-            poses = np.concatenate(self.laser_poses[word])
+        self._leave_out_twins()
+        for word, parts in self.laser_poses.items():
+            laser, poses = self.recording.lasers[word], np.concatenate(parts)
             laser.robot_from_sensor = mounting(poses[:, 3:6], poses[:, 0:3])
             if laser.robot_from_sensor is None:
                 self.recording.warnings.append(
                     f"{word}: laser and robot pose of a line differ by no fixed amount, as in logs whose first pose "
                     "was corrected; the second one is used"
                 )
+        if _FRONT in self.recording.lasers and self.front_offset_m is not None:
+            self.recording.lasers[_FRONT].robot_from_sensor = np.array([self.front_offset_m, 0.0, 0.0])
         replace_lost_stamps(self.recording)
+
+    def _leave_out_twins(self) -> None:
+        """Leave out sweeps without a pose that other lines hold with one, and say so."""
+        for name in _SAME_SWEEPS:
+            twin = self._twin_of(name)
+            if twin and self.counts[name]:
+                self.recording.lasers.pop(name, None)
+                self.recording.notes.append(
+                    f"{name}: its {self.counts[name]} lines are left out; the {self.counts[twin]} {twin} lines hold "
+                    "the same sweeps with their poses"
+                )
 
 
 @lru_cache(maxsize=64)
@@ -174,7 +171,25 @@ def _name_of(word: bytes) -> str:
     return word.decode("ascii") if _KIND.fullmatch(word) else ""
 
 
-def _ranges_of(lines: list[_Line]) -> list[tuple[ScanShape, F32]]:
+def _poses_of(lines: list[Line]) -> F64:
+    """Poses (n, 6), (n, 3) or (n, 0) of lines.
+
+    Raises
+    ------
+    ValueError
+        If one is none.
+    """
+    width = len(lines[0].poses)
+    if not width:
+        return np.empty((len(lines), 0))
+    values = parse_numbers(b" ".join([b" ".join(line.poses) for line in lines]))
+    if values.size != width * len(lines) or not (np.abs(values) <= FARTHEST_M).all():
+        msg = "not a plausible pose"
+        raise ValueError(msg)
+    return values.reshape(len(lines), width)
+
+
+def _ranges_of(lines: list[Line]) -> list[tuple[ScanShape, F32]]:
     """Shapes of sweeps, and the ranges (n, n_beams) of those of each that follow one another.
 
     Raises
@@ -196,75 +211,6 @@ def _ranges_of(lines: list[_Line]) -> list[tuple[ScanShape, F32]]:
     return runs
 
 
-def _old_laser(word: str, line: bytes) -> _Line:
-    """Take a FLASER or RLASER line apart; the beams of 180 readings start at -90 deg."""
-    _, count, rest = line.split(None, 2)
-    text, *poses, stamp, _host, _logger = rest.rsplit(None, 9)
-    n_beams = int(count)
-    if text.count(b" ") != n_beams - 1:
-        text = b" ".join(text.split())
-    if n_beams < 1 or len(poses) != 6 or text.count(b" ") != n_beams - 1:
-        msg = "beam count"
-        raise ValueError(msg)
-    return _Line(word, stamp, poses, flaser_shape(n_beams), text, n_beams)
-
-
-def _new_laser(word: str, line: bytes) -> _Line:
-    """Take a ROBOTLASER line apart, which states its geometry."""
-    *header, rest = line.split(None, 9)
-    text, *poses, _tv, _rv, _forward, _side, _turn, stamp, _host, _logger = rest.rsplit(None, 14)
-    n_beams = int(header[8])
-    if text.endswith(b" 0") and text.count(b" ") == n_beams:
-        n_numbers = n_beams + 1
-    else:
-        words = text.split()
-        n_numbers = len(words)
-        if n_numbers != n_beams + 1 + int(words[n_beams]):
-            n_numbers = 0
-    if n_beams < 1 or len(poses) != 6 or not n_numbers:
-        msg = "beam count"
-        raise ValueError(msg)
-    return _Line(word, stamp, poses, _stated_shape(*header[2:6], n_beams), text, n_numbers)
-
-
-@lru_cache(maxsize=64)
-def _stated_shape(start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: int) -> ScanShape:
-    """Directions of ROBOTLASER readings; ValueError where they are not those of a laser."""
-    start_rad, fov_rad, step_rad, reach_m = map(float, (start, fov, step, reach))
-    if not are_coordinates((start_rad, fov_rad, step_rad, reach_m)):
-        msg = "not a plausible number"
-        raise ValueError(msg)
-    if step_rad == 0.0:
-        step_rad = fov_rad / max(n_beams - 1, 1)
-    if not is_sweep(start_rad, step_rad, n_beams):
-        msg = "angles"
-        raise ValueError(msg)
-    is_stated = 0.0 < reach_m < _SICK_REACH_M
-    return ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
-
-
-def _odometry_of(word: str, line: bytes) -> _Line:
-    """Take an ODOM line apart; one that is cut off would have its stamp elsewhere."""
-    words = line.split()
-    if len(words) != _ODOM_WORDS:
-        msg = "count of words"
-        raise ValueError(msg)
-    return _Line(word, words[-3], words[1:4])
-
-
-@lru_cache(maxsize=64)
-def flaser_shape(n_beams: int) -> ScanShape:
-    """Directions of FLASER readings, which the line does not state.
-
-    SICK LMS: 180 or 181 readings 1 deg apart, 360 or 361 readings 0.5 deg apart, 400 or 401 readings 0.25 deg
-    apart over 100 deg; the last reading of the odd counts is the one some drivers leave out. Others are spread
-    over 180 deg.
-    """
-    full = {180: 181, 360: 361, 400: 401}.get(n_beams, n_beams)
-    fov_rad = math.radians(100.0 if full == 401 else 180.0)
-    return ScanShape(-fov_rad / 2.0, fov_rad / max(full - 1, 1), n_beams, _SHORTEST_M, math.inf)
-
-
 def mounting(robots: F64, lasers: F64) -> F64 | None:
     """robot_from_sensor (3,) from poses of robot and laser (n, 3); None where it is not fixed."""
     offsets = between(robots, lasers)
@@ -283,7 +229,8 @@ def replace_lost_stamps(recording: RawRecording) -> None:
             continue
         stamps = _NO_STAMP_STEP_NS * np.arange(laser.n_scans)
         laser.stamps_ns, laser.logged_ns = stamps, stamps
-        recording.odometry[word].stamps_ns = stamps
+        if word in recording.odometry:
+            recording.odometry[word].stamps_ns = stamps
         recording.odometry.pop("ODOM", None)
         recording.warnings.append(
             f"{word}: all time stamps are the same, so sweeps keep their order and are put 1 s apart; "

@@ -1,4 +1,4 @@
-"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said, or refused."""
+"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said with numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.columns import blocks_of, picked
-from dynmap_cli.ingest.kinds import LASER_TYPES
 from dynmap_cli.ingest.merging import Columns
 from dynmap_cli.ingest.raw import RawRecording, file_name
 from dynmap_cli.ingest.raw_laser import RawLaser
@@ -20,30 +19,10 @@ from dynmap_cli.ingest.track_quality import jumps_m
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
 _LEAST_ON_CLOCK = 10
 _MOST_BEAMS = 8
+_LEAST_BEAMS = 3
+"""A pose has three unknowns, and a beam tells one."""
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
-
-
-def require_lasers(recordings: Sequence[RawRecording]) -> None:
-    """Refuse recordings without a laser, or without any sweep that can be used."""
-    for recording in recordings:
-        if recording.lasers:
-            continue
-        if recording.dropped and LASER_TYPES & {topic.kind for topic in recording.topics}:
-            what = f"none of the laser scans in this {recording.kind} can be used"
-            then = "Check the driver of the laser"
-        else:
-            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
-            what = f"no laser scans in this {recording.kind}; it holds {found}"
-            then = "Record sensor_msgs/LaserScan or PointCloud2"
-        msg = f"{recording.name}: {what}{lost_of(recording)}. {then}, or pass another recording."
-        raise LogError(msg)
-
-
-def lost_of(recording: RawRecording) -> str:
-    """What was left out of a recording that is refused, to be put at the end of a clause."""
-    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
-    return "".join(f"; {found}" for found in (*dropped, *recording.warnings))
 
 
 def drop_impossible(recording: RawRecording) -> None:
@@ -137,6 +116,31 @@ def note_stamps(lasers: Sequence[RawLaser], recording: RawRecording) -> None:
             )
         if pause_s > _LONG_PAUSE_S:
             recording.warnings.append(f"{laser.name}: no scans for up to {pause_s:.1f} s")
+
+
+def note_few_beams(lasers: Sequence[RawLaser], recording: RawRecording, *, has_odometry: bool) -> None:
+    """Say how many sweeps have fewer beams than a pose has unknowns.
+
+    Raises
+    ------
+    LogError
+        If these are all sweeps, and without odometry nothing says where the robot was.
+    """
+    few = {laser.name: int(np.count_nonzero(laser.n_beams < _LEAST_BEAMS)) for laser in lasers}
+    n_scans = sum(laser.n_scans for laser in lasers)
+    if not has_odometry and sum(few.values()) == n_scans:
+        msg = (
+            f"{recording.name}: each of the {n_scans} scans has fewer than {_LEAST_BEAMS} beams, too few to find a "
+            "pose from, and there is no odometry. Pass a recording with odometry, or of a laser that sweeps."
+        )
+        raise LogError(msg)
+    for laser in lasers:
+        if few[laser.name]:
+            recording.warnings.append(
+                f"{laser.name}: {few[laser.name]} of {laser.n_scans} scans have fewer than {_LEAST_BEAMS} beams, too "
+                f"few to find a pose from; {'odometry' if has_odometry else 'the other scans'} alone can say "
+                "where the robot was"
+            )
 
 
 def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:

@@ -136,6 +136,7 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     joined.dropped += recording.dropped
     joined.damage += recording.damage
     joined.warnings += recording.warnings
+    joined.notes += recording.notes
     joined.n_read += recording.n_read
 
 
@@ -318,8 +319,9 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
 
 
 def period_s_of(stamps_ns: I64) -> float:
-    """Median time between sweeps, seconds; 0 with fewer than two."""
-    return float(np.median(np.diff(np.sort(stamps_ns)))) * 1e-9 if stamps_ns.size > 1 else 0.0
+    """Median time between sweeps, seconds, of which those of one stamp count once; 0 with fewer than two."""
+    times_ns = np.unique(stamps_ns)
+    return float(np.median(np.diff(times_ns))) * 1e-9 if times_ns.size > 1 else 0.0
 
 
 def find_restart(recording_index: I32, stamps_ns: I64, odometry: F64) -> tuple[int, str] | None:

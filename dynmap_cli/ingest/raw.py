@@ -129,6 +129,8 @@ class RawRecording:
     damage : list of str
         What is broken in the file itself, without repetition; nothing else makes it a damaged one.
     warnings : list of str
+    notes : list of str
+        What was decided while reading, where nothing is wrong.
     n_read : int
         Messages or lines that were read and understood.
     folder : Path or None
@@ -144,6 +146,7 @@ class RawRecording:
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     n_read: int = 0
     folder: Path | None = None
 
@@ -169,9 +172,9 @@ class RawRecording:
         stamps = [laser.stamps_ns for laser in self.lasers.values()]
         return int(min(part.min() for part in stamps)), int(max(part.max() for part in stamps))
 
-    def drop_broken(self, what: str) -> None:
-        """Count a message or line that is broken."""
-        self.dropped[what] += 1
+    def drop_broken(self, what: str, count: int = 1) -> None:
+        """Count messages or lines that are broken."""
+        self.dropped[what] += count
         if what not in self.damage:
             self.damage.append(what)
 

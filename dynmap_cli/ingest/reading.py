@@ -22,13 +22,12 @@ from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows, spans
 from dynmap_cli.ingest.containers import Source, find_sources
 from dynmap_cli.ingest.doubts import (
     drop_impossible,
-    lost_of,
     note_damaged_pack,
+    note_few_beams,
     note_odometry,
     note_shared_stamps,
     note_stamps,
     note_track,
-    require_lasers,
     stamps_jump,
 )
 from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
@@ -51,6 +50,7 @@ from dynmap_cli.ingest.odometry import (
 from dynmap_cli.ingest.own_body import mask, unused_sectors
 from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.raw import RawRecording, file_name
+from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
 from dynmap_cli.ingest.robot_frames import find_base
 from dynmap_cli.ingest.settings import IngestSettings
@@ -131,6 +131,11 @@ def _merge_drive(
     joined.give_back()
     poses = _cut_ends(columns, odometry, joined)
     note_stamps([choice.view.laser for choice in used], joined)
+    note_few_beams(
+        [choice.view.laser for choice in used],
+        joined,
+        has_odometry=bool(np.isfinite(poses).all(axis=1).any()),
+    )
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
@@ -188,24 +193,9 @@ def load_recordings(
         if source.damage and source.damage not in recording.damage:
             note_damaged_pack(recording, source.damage)
         if settings.strict and recording.damage:
-            raise _refused(recording)
+            raise damage_refused(recording)
         drop_impossible(recording)
     return recordings
-
-
-def _refused(recording: RawRecording) -> LogError:
-    """One line for a damaged recording that is not to be read in part."""
-    head = f"{recording.name}: this {recording.kind} is "
-    short = f"{file_name(recording.name)}: this {recording.kind} is "
-    told = [line.removeprefix(short) for line in recording.warnings]
-    told.sort(key=lambda line: not line.startswith("cut off or damaged"))
-    left = [why for why in recording.damage[:3] if not any(why in line for line in told)]
-    damage = [f"damaged ({'; '.join(left)})"] if left else []
-    dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
-    return LogError(
-        f"{head}{'; '.join([*damage, *told, *dropped])}. "
-        "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
-    )
 
 
 def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
@@ -335,7 +325,7 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
         reach = f"{shape.range_max_m:g} m" if np.isfinite(shape.range_max_m) else "a reach that is not stated"
         msg = (
             f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and {reach}"
-            f"{lost_of(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
+            f"{losses_of(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
         )
         raise LogError(msg)
     if says_something.all():

@@ -121,6 +121,8 @@ class IngestReport:
     dropped : mapping of str to int
         Messages, lines or sweeps left out, by reason.
     warnings : tuple of str
+    notes : tuple of str
+        What was decided while reading, where nothing is wrong.
     why_apart : str
         Why this drive does not continue what was recorded before; "" for the first.
     first_stamp_ns : int
@@ -150,6 +152,7 @@ class IngestReport:
     dropped: Mapping[str, int]
     warnings: tuple[str, ...]
     first_stamp_ns: int
+    notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()
     why_apart: str = ""
     drives: tuple[IngestReport, ...] = ()
@@ -169,6 +172,7 @@ class IngestReport:
             *(_laser_line(laser) for laser in self.lasers),
             self._odometry_line(),
         ]
+        lines += self.notes
         if self.odometry_rejected:
             lines.append(f"not used as odometry: {'; '.join(self.odometry_rejected)}")
         if self.out_of_order:
@@ -220,6 +224,7 @@ def join_reports(drives: Sequence[IngestReport]) -> IngestReport:
         dropped=dict(dropped),
         warnings=tuple(warning for drive in drives for warning in drive.warnings),
         first_stamp_ns=drives[0].first_stamp_ns,
+        notes=tuple(note for drive in drives for note in drive.notes),
         damage=tuple(dict.fromkeys(why for drive in drives for why in drive.damage)),
         drives=tuple(drives),
     )

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-_LONGEST_BYTES = 1 << 23
+LONGEST_BYTES = 1 << 23
 
 
-def text_lines(path: Path, drop_broken: Callable[[str], None]) -> Iterator[bytes]:
-    """Yield the lines of a file; those with null bytes, or longer than 8 MiB, go to *drop_broken* instead."""
+def text_lines(path: Path, drop_broken: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
+    """Yield number, from 1, and text of each line; lines with null bytes or over 8 MiB go to *drop_broken* instead."""
+    number = 0
     with path.open("rb") as stream:
-        while line := stream.readline(_LONGEST_BYTES):
-            if len(line) == _LONGEST_BYTES and not line.endswith(b"\n"):
+        while line := stream.readline(LONGEST_BYTES):
+            number += 1
+            if len(line) == LONGEST_BYTES and not line.endswith(b"\n"):
                 drop_broken("line longer than 8 MiB")
                 while line and not line.endswith(b"\n"):
-                    line = stream.readline(_LONGEST_BYTES)
+                    line = stream.readline(LONGEST_BYTES)
             elif b"\x00" in line:
                 drop_broken("line with null bytes, as unclean shutdowns leave them")
             else:
-                yield line
+                yield number, line

@@ -16,7 +16,7 @@ _STEADY_SHARE, _STEADY_PERIODS = 0.9, 0.5
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """The sweeps of one laser in time.
+    """The sweeps of one laser in time; sweeps that share a stamp, as repeated ones do, are at one time.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ def timing_of(laser: RawLaser) -> Timing:
     """Measure the times of a laser's sweeps."""
     stamps_ns = laser.stamps_ns
     steps_s: F64 = np.diff(stamps_ns).astype(np.float64) * 1e-9
-    pauses_s: F64 = np.diff(np.sort(stamps_ns)).astype(np.float64) * 1e-9
+    pauses_s: F64 = np.diff(np.unique(stamps_ns)).astype(np.float64) * 1e-9
     period_s = period_s_of(stamps_ns)
     is_steady, missing = False, np.zeros(0)
     if period_s > 0.0:

@@ -15,6 +15,7 @@ import numpy as np
 from dynmap_cli.arrays import F64
 from dynmap_cli.ingest.carmen import mounting, replace_lost_stamps
 from dynmap_cli.ingest.decimals import parse_numbers
+from dynmap_cli.ingest.lost_lines import LostLines, fault_of_pose, fault_of_readings, fault_of_time
 from dynmap_cli.ingest.plausible import FARTHEST_M, stamp_of_word, to_ranges_m
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, Topic
 from dynmap_cli.ingest.raw_laser import ScanShape
@@ -32,7 +33,8 @@ def read_wean(path: Path, name: str, folder: Path | None = None) -> RawRecording
     recording = RawRecording(name, "Wean Hall text", folder=folder)
     counts: Counter[str] = Counter()
     laser_poses: list[F64] = []
-    for line in text_lines(path, recording.drop_broken):
+    lost = LostLines(_fault_of)
+    for number, line in text_lines(path, recording.drop_broken):
         word = line[:1]
         if word not in _WIDTHS:
             if line.strip():
@@ -42,7 +44,8 @@ def read_wean(path: Path, name: str, folder: Path | None = None) -> RawRecording
         try:
             _take(recording, word, line, laser_poses)
         except ValueError:
-            recording.drop_broken(f"{word.decode()} line that does not parse")
+            lost.add(word.decode(), number, line)
+    lost.tell(recording)
     recording.topics = [Topic(word, "line", count) for word, count in sorted(counts.items())]
     if laser_poses:
         poses = np.array(laser_poses)
@@ -70,3 +73,14 @@ def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F
         values[[3, 4]] *= _CM
         laser_poses.append(values[:6])
         recording.laser("L").add(stamp_ns, stamp_ns, to_ranges_m(values[6:] * _CM), _SHAPE)
+
+
+def _fault_of(line: bytes) -> str:
+    """What is wrong with a line that does not parse."""
+    word, *words = line[:1], *line[2:].split()
+    n_words = _WIDTHS[word] + 1
+    if len(words) != n_words:
+        return f"{len(words)} numbers found, {n_words} are allowed"
+    *values, stamp = words
+    n_poses = _N_POSES[word]
+    return fault_of_pose(values[:n_poses]) or fault_of_readings(values[n_poses:]) or fault_of_time(stamp)

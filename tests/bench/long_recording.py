@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import shutil
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +76,10 @@ def tables(bench: Bench) -> list[Table]:
         ["", "scans", "million beams", "CPU s", "peak MB", "recording GB", "run directory GB", "ATE m"],
     )
     recording = bench.folder / "logs" / "long.mcap"
-    truth = write_repeated(bench.simulated("laps-40hz", _LAPS), recording, hours)
+    laps = bench.simulated("laps-40hz", _LAPS)
+    # In a process of its own: the system counts the memory of a parent as that of its children, too.
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        truth = pool.submit(write_repeated, laps, recording, hours).result()
     table.add("ingest", lambda: _row(bench, "ingest", recording, truth, _INGEST_MB))
     table.add("build", lambda: _row(bench, "build", recording, truth, _BUILD_MB))
     return [table]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.carmen import flaser_shape
+from dynmap_cli.ingest.carmen_lines import flaser_shape
 from dynmap_cli.ingest.decimals import parse_decimals
 from dynmap_cli.ingest.plausible import LATEST_NS, stamp_of_word, stamps_of_words
 from dynmap_cli.ingest.reading import read_recordings
@@ -126,7 +126,8 @@ def test_lines_that_do_not_parse_are_counted_and_the_others_stay(tmp_path):
     lines[9] = lines[9].rsplit(" ", 3)[0] + " nostamp host 1\n"
     lines[39] = lines[39][:300]
     log, report = read_recordings([write(tmp_path / "a.log", lines)], SETTINGS)
-    assert report.dropped == {"FLASER line that does not parse": 5}
+    why = "181 readings announced, which takes 192 words; 191 found"
+    assert report.dropped == {f"FLASER line that does not parse; the first is line 6 of a.log: {why}": 5}
     kept = [number for number in range(40) if number not in {3, 5, 7, 9, 39}]
     np.testing.assert_array_equal(log.stamps_ns, [stamp_ns(number) for number in kept])
     np.testing.assert_array_equal(log.ranges_m, RANGES[kept].astype(np.float32))
@@ -255,7 +256,8 @@ def test_wean_lines_read_back_in_metres(tmp_path):
     path.write_text("".join(lines))
     log, report = read_recordings([path], SETTINGS)
     kept = np.delete(np.arange(40), 5)
-    assert report.dropped == {"L line that does not parse": 1}
+    why = "the first is line 12 of wean.log: 40 numbers found, 187 are allowed"
+    assert report.dropped == {f"L line that does not parse; {why}": 1}
     assert report.recordings[0].kind == "Wean Hall text"
     np.testing.assert_array_equal(log.stamps_ns, kept * 10**8)
     np.testing.assert_allclose(log.ranges_m, RANGES[kept], atol=1e-6)
