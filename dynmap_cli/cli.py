@@ -92,21 +92,25 @@ def _fail(err: DynmapError) -> NoReturn:
     sys.exit(err.exit_code)
 
 
+ABOUT = """Turn recorded robot logs into maps of places that change, and localize later recordings in them.
+
+\b
+Start with
+  dynmap check LOG          what is in a recording, and whether it can be used
+  dynmap build LOG -o RUN   map it; then open RUN/report.html
+  dynmap localize RUN LOG   find another recording in this map
+
+LOG is a recording: CARMEN text, a ROS 1 or ROS 2 bag or an MCAP file, also compressed; `-` = through a pipe. RUN
+is the folder of a map. A sub-map is an area that changes; its ID is a number, which `dynmap timeline RUN` lists.
+"""
+
+
 @click.group(
     cls=DynmapGroup,
+    help=ABOUT,
     epilog=EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="dynmap")
 def main() -> None:
-    r"""Turn recorded robot logs into maps of places that change, and localize later recordings in them.
-
-    \b
-    Start with
-      dynmap check LOG          what is in a recording, and whether it can be used
-      dynmap build LOG -o RUN   map it; then open RUN/report.html
-      dynmap localize RUN LOG   find another recording in this map
-
-    LOG is a recording: CARMEN text, a ROS 1 or ROS 2 bag or an MCAP file, also compressed; `-` = through a pipe. RUN
-    is the folder of a map. A sub-map is an area that changes; its ID is a number, which `dynmap timeline RUN` lists.
-    """
+    """Run the command that is named."""

@@ -14,6 +14,8 @@ def announce_compilation() -> None:
     from dynmap_cli.kernels.jit import CACHE, before_first_compilation
 
     how_often = (
-        "once on this machine" if CACHE else "at each call, as DYNMAP_NUMBA_CACHE=0 switches the cache off"
+        "the first time on this machine"
+        if CACHE
+        else "at each call, as DYNMAP_NUMBA_CACHE=0 switches the cache off"
     )
     before_first_compilation(lambda: _log.info("compiling kernels, %s: up to a minute", how_often))

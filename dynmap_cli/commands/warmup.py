@@ -44,7 +44,11 @@ def command(shared: Shared) -> None:
     with tempfile.TemporaryDirectory(prefix="dynmap-warmup-") as name:
         _run_the_whole_chain(Path(name), shared)
     seconds = round(time.perf_counter() - started, 1)
-    print_summary({"seconds": seconds}, [f"compiled in {seconds:.1f} s"], as_json=shared.as_json)
+    print_summary(
+        {"seconds": seconds},
+        [f"all kernels are compiled, after {seconds:.1f} s of a trial run"],
+        as_json=shared.as_json,
+    )
 
 
 def _run_the_whole_chain(folder: Path, shared: Shared) -> None:

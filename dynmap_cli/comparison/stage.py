@@ -26,6 +26,7 @@ from dynmap_cli.localization.global_start import global_start, is_usable
 from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.particle_filter import estimate_pose
 from dynmap_cli.localization.parts import believed_parts
+from dynmap_cli.localization.stage import outside
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
@@ -186,6 +187,12 @@ def common_start(
     if truth is not None:
         true = interpolate(truth.stamps_ns, truth.poses, log.stamps_ns[first : first + 1])[0]
         if bool(np.isfinite(true).all()):
+            if why := outside(patch_map.grid.frame, float(true[0]), float(true[1])):
+                msg = (
+                    f"--truth: the robot starts at {true[0]:.2f}, {true[1]:.2f}, {why}. Where the truth has another "
+                    "frame than the map, pass --map-truth, the truth of the recording of which the map was made."
+                )
+                raise ArtifactError(msg)
             return np.asarray(true), "of the truth"
     parts = believed_parts(patch_map.patch_sets, patch_map.visits, settings.states)
     pool = make_map_pool(patch_map.grid, [part.states for part in parts], settings)

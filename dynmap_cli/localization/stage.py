@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, OccupancyGrid
+from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ConfigError
@@ -146,23 +146,30 @@ def _check_start(settings: LocalizationSettings, grid: OccupancyGrid) -> None:
     """Refuse a start pose that no robot in this map can have."""
     if settings.start is None:
         return
-    frame = grid.frame
     x_m, y_m, _ = settings.start
+    if why := outside(grid.frame, x_m, y_m):
+        msg = (
+            f"localization.start {x_m:g}, {y_m:g}: {why}. "
+            "Give --start in the frame of the map, or leave it out to have the robot found."
+        )
+        raise ConfigError(msg)
+
+
+def outside(frame: GridFrame, x_m: float, y_m: float) -> str:
+    """Say how far the map reaches if a robot at a place, in its frame, cannot be in it; "" if it can."""
     left_m, low_m = frame.origin_x_m, frame.origin_y_m
-    rows, columns = grid.frame.shape
+    rows, columns = frame.shape
     right_m = left_m + columns * frame.resolution_m
     high_m = low_m + rows * frame.resolution_m
     if (
         left_m - START_MARGIN_M <= x_m <= right_m + START_MARGIN_M
         and low_m - START_MARGIN_M <= y_m <= high_m + START_MARGIN_M
     ):
-        return
-    msg = (
-        f"localization.start {x_m:g}, {y_m:g}: outside the map, which reaches from x = {left_m:.1f} to {right_m:.1f} m "
-        f"and from y = {low_m:.1f} to {high_m:.1f} m (at most {START_MARGIN_M:g} m beyond). "
-        "Give --start in the frame of the map, or leave it out to have the robot found."
+        return ""
+    return (
+        f"outside the map, which reaches from x = {left_m:.1f} to {right_m:.1f} m "
+        f"and from y = {low_m:.1f} to {high_m:.1f} m (at most {START_MARGIN_M:g} m beyond)"
     )
-    raise ConfigError(msg)
 
 
 def _patch_sets(context: StageContext) -> tuple[PatchSet, ...]:

@@ -120,7 +120,7 @@ def changed_submap(**changes):
             changed_submap(size_cells=[10**9, 10**9]),
             "size_cells[0] is 1000000000, not a whole number from 1 to",
         ),
-        (changed_submap(size_cells=[9000, 9000]), "more than 80000000 cells"),
+        (changed_submap(size_cells=[12000, 12000]), "more than 120000000 cells"),
         (changed_submap(patches=None), "patches is empty, not a list"),
         (changed_submap(objects=[{"id": 0, "cells": 1}, {"id": 1, "cells": 99}]), "manifest.json says 1"),
         (changed_submap(objects=[{"id": 7, "cells": 1}]), "object 0 of sub-map 0 is not in manifest.json"),
