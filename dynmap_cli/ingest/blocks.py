@@ -11,6 +11,7 @@ import numpy as np
 
 from dynmap_cli.arrays import I64, U8
 
+_LATEST = 2**63 - 1
 _LEAST_AT_ONCE, _MOST_AT_ONCE, _BYTES_AT_ONCE = 64, 2048, 1 << 19
 
 
@@ -76,15 +77,26 @@ def columns_of(content: U8, places: I64, size: int) -> U8:
 
 
 def block_of(data: Sequence[bytes], channels: Any, logged_ns: Any) -> Block:
-    """A block of single messages, with the number of the channel and the time of recording (n,) of each."""
+    """A block of single messages, with the number of the channel and the time of recording (n,) of each.
+
+    A time that 64 bits with a sign do not hold is no time, whatever stands for it: the latest they hold.
+    """
     sizes = np.fromiter(map(len, data), dtype=np.int64, count=len(data))
     return Block(
         np.frombuffer(b"".join(data), dtype=np.uint8),
         np.cumsum(sizes) - sizes,
         sizes,
         np.asarray(channels, dtype=np.int64),
-        np.asarray(logged_ns, dtype=np.int64),
+        _as_int64(logged_ns),
     )
+
+
+def _as_int64(logged_ns: Any) -> I64:
+    """(n,) integers; what is too large in a damaged file becomes the largest."""
+    try:
+        return np.asarray(logged_ns, dtype=np.int64)
+    except OverflowError:
+        return np.array([min(int(stamp_ns), _LATEST) for stamp_ns in logged_ns], dtype=np.int64)
 
 
 def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:

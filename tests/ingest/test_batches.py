@@ -12,6 +12,7 @@ from rosbags.rosbag2 import Writer as Bag2Writer
 from dynmap_cli.ingest import bags, batches, blocks, mcap_chunks
 from dynmap_cli.ingest.bag1_chunks import bag1_blocks
 from dynmap_cli.ingest.bags import read_bag
+from dynmap_cli.ingest.blocks import block_of
 from dynmap_cli.ingest.db3_blocks import db3_blocks
 from dynmap_cli.ingest.layouts import layout_of
 from dynmap_cli.ingest.space import Space
@@ -244,3 +245,10 @@ def test_rows_of_a_db3_come_in_the_order_of_rosbags(tmp_path, monkeypatch):
             for row, (channel, at) in enumerate(zip(block.channels, block.logged_ns.tolist(), strict=True))
         ]
     assert found == expected
+
+
+def test_a_time_of_recording_beyond_all_times_is_the_latest():
+    """Found by `make fuzz`: a byte put into an MCAP made a time of over 2**63 ns."""
+    block = block_of([b"ab", b"c"], [0, 0], (2**64 - 1, 5))
+    assert block.logged_ns.tolist() == [2**63 - 1, 5]
+    assert block.content.tobytes() == b"abc"
