@@ -21,7 +21,7 @@ Values = NDArray[Any]
 _MOST_IN_MEMORY_BYTES, _MOST_OF_COLUMN_BYTES = 1 << 25, 1 << 20
 _MOST_PARTS = 4096
 _MOST_AT_ONCE_BYTES = 1 << 24
-_BLOCK_BYTES, _ROWS_AT_ONCE = 1 << 22, 1 << 15
+_BLOCK_BYTES, _ROWS_AT_ONCE, _LEAST_ROWS = 1 << 22, 1 << 15, 64
 
 
 class Growing:
@@ -41,8 +41,9 @@ class Growing:
         self._shape = (-1, width) if width else (-1,)
         self._folder = folder
         self._file: IO[bytes] | None = None
-        self._parts: list[Values] = []
-        self._parts_bytes = 0
+        # One piece for what came last: thousands of small ones would keep the memory between them from being used.
+        self._recent: Values | None = None
+        self._n_recent = 0
         self._single: list[Any] = []
         self._whole: Values | None = None
 
@@ -64,24 +65,40 @@ class Growing:
             self._put(np.array(single, dtype=self._dtype).reshape(self._shape))
 
     def _put(self, part: Values) -> None:
-        """Keep a part, or write it to the file with those before it."""
+        """Keep rows, and write those before them to the file when they take more than a piece."""
         self._whole = None
-        self._parts.append(part)
-        self._parts_bytes += part.nbytes
-        if self._parts_bytes > _MOST_OF_COLUMN_BYTES:
+        while part.shape[0]:
+            recent = self._room_for(part.shape[0])
+            count = min(part.shape[0], recent.shape[0] - self._n_recent)
+            recent[self._n_recent : self._n_recent + count] = part[:count]
+            self._n_recent += count
+            part = part[count:]
+
+    def _room_for(self, count: int) -> Values:
+        """The piece for what comes next, with room for a row at least, for *count* if a piece may have so many."""
+        if self._recent is not None and self._n_recent < self._recent.shape[0]:
+            return self._recent
+        most = max(1, _MOST_OF_COLUMN_BYTES // (self._dtype.itemsize * max(self._shape[1:], default=1)))
+        if self._recent is not None and self._n_recent >= most:
             if self._file is None:
                 # It lives as long as the column.
                 self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
             self._write()
+            return self._recent
+        size = min(max(self._n_recent + count, 2 * self._n_recent, _LEAST_ROWS), most)
+        larger = np.empty((size, *self._shape[1:]), dtype=self._dtype)
+        if self._recent is not None:
+            larger[: self._n_recent] = self._recent
+        self._recent = larger
+        return larger
 
     def _write(self) -> None:
-        """Move all parts to the end of the file."""
-        if self._file is not None:
+        """Move what came last to the end of the file."""
+        if self._file is not None and self._recent is not None:
             self._file.seek(0, os.SEEK_END)
-            for part in self._parts:
-                self._file.write(np.ascontiguousarray(part).data)
+            self._file.write(self._recent[: self._n_recent].data)
             self._file.flush()
-            self._parts, self._parts_bytes = [], 0
+            self._n_recent = 0
 
     @property
     def rows(self) -> Values:
@@ -92,19 +109,17 @@ class Growing:
                 self._write()
                 mapped = np.memmap(self._file, dtype=self._dtype, mode="r+")
                 self._whole = mapped.view(np.ndarray).reshape(self._shape)
-            elif len(self._parts) == 1:
-                self._whole = self._parts[0]
+            elif self._recent is None:
+                self._whole = np.zeros((0, *self._shape[1:]), dtype=self._dtype)
             else:
-                empty = np.zeros((0, *self._shape[1:]), dtype=self._dtype)
-                self._whole = np.concatenate(self._parts) if self._parts else empty
-                self._parts = [self._whole]
+                self._whole = self._recent[: self._n_recent]
         return self._whole
 
     @rows.setter
     def rows(self, rows: Any) -> None:
         """Replace all rows."""
         rows = np.array(rows, dtype=self._dtype)
-        self._parts, self._parts_bytes, self._single, self._file = [], 0, [], None
+        self._recent, self._n_recent, self._single, self._file = None, 0, [], None
         self.extend(rows)
 
     def give_back(self) -> None:

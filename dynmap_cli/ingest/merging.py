@@ -320,8 +320,9 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
 
 def period_s_of(stamps_ns: I64) -> float:
     """Median time between sweeps, seconds, of which those of one stamp count once; 0 with fewer than two."""
-    times_ns = np.unique(stamps_ns)
-    return float(np.median(np.diff(times_ns))) * 1e-9 if times_ns.size > 1 else 0.0
+    steps_ns = np.diff(np.sort(stamps_ns))
+    steps_ns = steps_ns[steps_ns > 0]
+    return float(np.median(steps_ns, overwrite_input=True)) * 1e-9 if steps_ns.size else 0.0
 
 
 def find_restart(recording_index: I32, stamps_ns: I64, odometry: F64) -> tuple[int, str] | None:
