@@ -33,7 +33,7 @@ from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, end_of_messages
 from dynmap_cli.ingest.space import Space
-from dynmap_cli.ingest.stored import Channel, words_of
+from dynmap_cli.ingest.stored import Channel, nameless_topics, words_of
 from dynmap_cli.ingest.unpacking import unpack_whole, unpacked_message
 from dynmap_cli.printable import printable
 
@@ -148,6 +148,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
             check_index(inner)
         if path.is_dir() and not reader.connections:
             raise UnreadableBagError(_NO_TOPICS)
+        for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
+            raise UnreadableBagError(why)
         _check_definitions(reader)
     except UnreadableBagError:
         _close(reader)

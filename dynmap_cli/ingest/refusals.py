@@ -24,7 +24,12 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
             what = f"none of the laser scans in this {recording.kind} can be used"
             then = "Check the driver of the laser"
         else:
-            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
+            found = (
+                ", ".join(
+                    f"{topic.name} ({topic.kind or 'type not known'})" for topic in recording.topics[:30]
+                )
+                or "nothing"
+            )
             what = f"no laser scans in this {recording.kind}; it holds {found}"
             then = f"Record {_WANTED.get(recording.kind, 'sensor_msgs/LaserScan or PointCloud2')}"
         msg = f"{recording.name}: {what}{losses_of(recording)}. {then}, or pass another recording."
