@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import quote
 
 from dynmap_cli.ingest.stored import (
+    ORPHAN,
     Channel,
     Losses,
     StoredMessage,
@@ -45,7 +46,8 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
                 yield StoredMessage(stamp_ns, stamp_ns, counts[topic_id], topics[topic_id], data)
                 counts[topic_id] += 1
             else:
-                losses.note("rows are no messages", messages=1)
+                is_orphan = isinstance(stamp_ns, int) and isinstance(data, bytes)
+                losses.note(ORPHAN if is_orphan else "rows are no messages", messages=1)
     except sqlite3.Error as err:
         losses.note(words_of(err))
     finally:

@@ -13,6 +13,7 @@ from dynmap_cli.printable import printable
 DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
 """What taking broken bytes apart raises."""
 
+ORPHAN = "message of no known topic"
 _MOST_MISSING = 1 << 44
 _MOST_SHOWN = 5
 

@@ -53,3 +53,29 @@ def test_where_no_topic_has_a_type_that_is_said(tmp_path):
         LogError, match=r"it holds /odom \(type not known\), .* is not known\); recovered 181"
     ):
         read(altered(tmp_path, "UPDATE topics SET type = NULL"))
+
+
+def test_messages_of_a_topic_that_is_not_there_are_counted_and_damage(tmp_path):
+    path = altered(tmp_path, "UPDATE messages SET topic_id = 99 WHERE id > 120")
+    log, report = read(path)
+    assert 30 < log.n_scans < 60
+    assert report.dropped["message of no known topic"] == 61
+    assert report.damage == ("message of no known topic",)
+    with pytest.raises(LogError, match=r"is damaged; 61 x message of no known topic\. Copy it again"):
+        read_recordings([path], IngestSettings(strict=True))
+
+
+def test_messages_without_any_topic_are_not_nothing(tmp_path):
+    with pytest.raises(LogError, match="it holds no topic; 181 x message of no known topic"):
+        read(altered(tmp_path, "DELETE FROM topics"))
+
+
+def test_where_rows_are_read_one_by_one_those_of_no_topic_are_counted_too(tmp_path):
+    path = altered(
+        tmp_path,
+        "UPDATE topics SET type = NULL WHERE name = '/odom'",
+        "DELETE FROM topics WHERE name = '/tf'",
+    )
+    _, report = read(path)
+    assert "message of no known topic" in report.damage
+    assert "lost 60 single messages" in report.warnings[0]
