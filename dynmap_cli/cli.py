@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import io
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import click
@@ -67,23 +69,35 @@ class DynmapGroup(click.Group):
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")
-        try:
-            return super().main(*args, **kwargs)
-        except OSError as err:
-            # The help of click goes to stdout by itself; any other failure is a bug.
-            if not is_of_output(err):
-                raise
-            _fail(unwritable(err))
+        return super().main(*args, **kwargs)
+
+    def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
+        """Take the words before the verb, of which --help and --version write."""
+        with _writing():
+            return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the chosen verb."""
         try:
-            return super().invoke(ctx)
+            with _writing():
+                return super().invoke(ctx)
         except DynmapError as err:
             _fail(err)
         except KeyboardInterrupt:
             click.echo("dynmap: interrupted; finished stages are kept", err=True)
             sys.exit(130)
+
+
+@contextmanager
+def _writing() -> Iterator[None]:
+    """Say where stdout takes no help, before click ends in silence at a pipe that nobody reads."""
+    try:
+        yield
+    except OSError as err:
+        # The help of click goes to stdout by itself; any other failure is a bug.
+        if not is_of_output(err):
+            raise
+        _fail(unwritable(err))
 
 
 def _fail(err: DynmapError) -> NoReturn:

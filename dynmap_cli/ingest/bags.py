@@ -19,21 +19,20 @@ from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from dynmap_cli.errors import LogError
 from dynmap_cli.ingest import protobuf
 from dynmap_cli.ingest.bag1_chunks import bag1_blocks, is_orderly
 from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.blocks import Block, blocks_of_rows
-from dynmap_cli.ingest.db3_blocks import db3_blocks
+from dynmap_cli.ingest.db3_blocks import count_orphans, db3_blocks
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.layouts import has_layout, layout_of
 from dynmap_cli.ingest.mcap_chunks import are_orderly, ordered_messages
 from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
 from dynmap_cli.ingest.raw import RawRecording, Topic
-from dynmap_cli.ingest.ros_messages import Message, end_of_messages
+from dynmap_cli.ingest.ros_messages import Message, decoding_failed, end_of_messages
 from dynmap_cli.ingest.space import Space
-from dynmap_cli.ingest.stored import Channel, words_of
+from dynmap_cli.ingest.stored import Channel, nameless_topics, words_of
 from dynmap_cli.ingest.unpacking import unpack_whole, unpacked_message
 from dynmap_cli.printable import printable
 
@@ -126,6 +125,7 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
             Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
         ]
         recording = RawRecording(name, kind, topics, folder=space.folder)
+        count_orphans(_tables_of(reader), recording)
         _take_all(reader, recording, space)
         end_of_messages(recording)
     recording.give_back()
@@ -148,6 +148,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
             check_index(inner)
         if path.is_dir() and not reader.connections:
             raise UnreadableBagError(_NO_TOPICS)
+        for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
+            raise UnreadableBagError(why)
         _check_definitions(reader)
     except UnreadableBagError:
         _close(reader)
@@ -283,6 +285,18 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
         raise UnreadableBagError(msg)
 
 
+def _files_of(inner: Any) -> list[Any]:
+    """What reads each file of a ROS 2 bag; none of a ROS 1 bag."""
+    outer = getattr(inner, "storage", None)
+    return [] if outer is None else getattr(outer, "storages", [outer])
+
+
+def _tables_of(reader: AnyReader) -> list[Any]:
+    """What reads each .db3 file."""
+    files = [file for inner in reader.readers for file in _files_of(inner)]
+    return [file for file in files if isinstance(file, storage_sqlite3.Sqlite3Reader)]
+
+
 def _is_usual(reader: AnyReader, kind: str) -> bool:
     """Whether a bag defines a type, and those inside it, as the standard does."""
     standard = _ros2_types() if reader.is2 else _ros1_types()
@@ -324,7 +338,7 @@ def _from_storage(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, in
     outer: Any = getattr(inner, "storage", None)
     if outer is None or outer.metadata.compression_mode == "message":
         return None
-    storages = getattr(outer, "storages", [outer])
+    storages = _files_of(inner)
     kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
     if all(isinstance(storage, storage_sqlite3.Sqlite3Reader) for storage in storages):
         return _from_files(storages, kinds, db3_blocks)
@@ -381,17 +395,3 @@ def decode_message(channel: Channel, data: bytes) -> Any:
     if channel.message_encoding == "ros1":
         return _ros1_types().deserialize_ros1(data, channel.message_type)
     return _ros2_types().deserialize_cdr(unpacked_message(data), channel.message_type)
-
-
-def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:
-    """Count a message that is not what its type says."""
-    recording.drop_broken(f"message on {topic} that cannot be decoded")
-    _log.debug("%s: %s: %s", recording.name, topic, words_of(err))
-
-
-def damaged(name: str, kind: str, err: Exception) -> LogError:
-    """One line for what a reading library could not digest."""
-    return LogError(
-        f"{name}: this {kind} is cut off or damaged ({words_of(err)}). Copy it again from the robot, or repair it "
-        "first (`rosbag reindex`, `mcap recover`)."
-    )

@@ -15,6 +15,7 @@ from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.bag_folders import plain_folder
 from dynmap_cli.ingest.raw import file_name
 from dynmap_cli.ingest.streams import STREAM_KINDS, DamagedStreamError, copy_limited, unpacked_file
+from dynmap_cli.ingest.text_lines import BYTE_ORDER_MARK
 from dynmap_cli.ingest.zip_members import Member, members_of, members_without_list
 from dynmap_cli.printable import printable
 
@@ -218,10 +219,11 @@ def _kind_of_head(head: bytes, name: str) -> str:
             "Convert it with the rosbag of its time."
         )
         raise LogError(msg)
-    if _is_text(head):
-        if _CARMEN.search(head):
+    text = head.removeprefix(BYTE_ORDER_MARK)
+    if _is_text(text):
+        if _CARMEN.search(text):
             return "carmen"
-        if _WEAN.search(head):
+        if _WEAN.search(text):
             return "wean"
     msg = f"{name}: not a known recording (it starts with {head[:16]!r}). Known are: {KNOWN}."
     raise LogError(msg)

@@ -10,8 +10,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
-from dynmap_cli.printable import printable
+from dynmap_cli.ingest.stored import (
+    ORPHAN,
+    Channel,
+    Losses,
+    StoredMessage,
+    nameless_topics,
+    text_of,
+    words_of,
+)
 
 _MOST_GAPS = 200
 _FARTHEST_JUMP = 1 << 32
@@ -27,7 +34,7 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     try:
         connection.text_factory = lambda text: text.decode("utf-8", "replace")
         connection.execute("PRAGMA writable_schema=ON")
-        topics = _topics(connection)
+        topics = _topics(connection, losses)
         counts: Counter[int] = Counter()
         for topic_id, stamp_ns, data in _rows(connection, losses):
             if (
@@ -39,14 +46,15 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
                 yield StoredMessage(stamp_ns, stamp_ns, counts[topic_id], topics[topic_id], data)
                 counts[topic_id] += 1
             else:
-                losses.note("rows are no messages", messages=1)
+                is_orphan = isinstance(stamp_ns, int) and isinstance(data, bytes)
+                losses.note(ORPHAN if is_orphan else "rows are no messages", messages=1)
     except sqlite3.Error as err:
         losses.note(words_of(err))
     finally:
         connection.close()
 
 
-def _topics(connection: sqlite3.Connection) -> dict[int, Channel]:
+def _topics(connection: sqlite3.Connection, losses: Losses) -> dict[int, Channel]:
     """Channels by number; bags before ROS 2 Iron hold no definitions of types, the first ones no profiles."""
     offered = dict(_optional(connection, "SELECT id, offered_qos_profiles FROM topics"))
     definitions = {
@@ -57,12 +65,13 @@ def _topics(connection: sqlite3.Connection) -> dict[int, Channel]:
         if written and text
     }
     topics = {}
-    for number, name, kind, encoding in connection.execute(
-        "SELECT id, name, type, serialization_format FROM topics"
-    ):
+    rows = list(connection.execute("SELECT id, name, type, serialization_format FROM topics"))
+    for why in nameless_topics((name, kind) for _, name, kind, _ in rows):
+        losses.note(why)
+    for number, name, kind, encoding in rows:
         profiles = (("offered_qos_profiles", str(offered.get(number) or "")),)
         schema = definitions.get(kind, ("", b""))
-        topics[number] = Channel(printable(str(name)), str(encoding), printable(str(kind)), *schema, profiles)
+        topics[number] = Channel(text_of(name), str(encoding), text_of(kind), *schema, profiles)
     return topics
 
 

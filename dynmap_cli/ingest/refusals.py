@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.kinds import LASER_TYPES
 from dynmap_cli.ingest.raw import RawRecording, file_name
+from dynmap_cli.ingest.stored import ORPHAN, words_of
 
 _WANTED = {
     "CARMEN text": "FLASER, RLASER, ROBOTLASER or RAWLASER lines",
@@ -24,7 +25,9 @@ def require_lasers(recordings: Sequence[RawRecording]) -> None:
             what = f"none of the laser scans in this {recording.kind} can be used"
             then = "Check the driver of the laser"
         else:
-            found = ", ".join(f"{topic.name} ({topic.kind})" for topic in recording.topics[:30]) or "nothing"
+            found = ", ".join(
+                f"{topic.name} ({topic.kind or 'type not known'})" for topic in recording.topics[:30]
+            ) or ("no topic" if ORPHAN in recording.dropped else "nothing")
             what = f"no laser scans in this {recording.kind}; it holds {found}"
             then = f"Record {_WANTED.get(recording.kind, 'sensor_msgs/LaserScan or PointCloud2')}"
         msg = f"{recording.name}: {what}{losses_of(recording)}. {then}, or pass another recording."
@@ -47,6 +50,14 @@ def damage_refused(recording: RawRecording) -> LogError:
     return LogError(
         f"{head}{'; '.join([*damage, *told, *dropped])}. "
         "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."
+    )
+
+
+def damaged(name: str, kind: str, err: Exception) -> LogError:
+    """One line for what a reading library could not digest."""
+    return LogError(
+        f"{name}: this {kind} is cut off or damaged ({words_of(err)}). Copy it again from the robot, or repair it "
+        "first (`rosbag reindex`, `mcap recover`)."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,8 +24,10 @@ from dynmap_cli.ingest.plausible import (
 )
 from dynmap_cli.ingest.raw import RawOdometry, RawRecording, RawTransform
 from dynmap_cli.ingest.raw_laser import ScanShape
+from dynmap_cli.ingest.stored import words_of
 from dynmap_cli.printable import printable
 
+_log = logging.getLogger(__name__)
 _ANGLE_GRID_RAD, _STEP_GRID_RAD = 1e-4, 1e-7
 LEAST_QUATERNION, MOST_QUATERNION = 0.5, 4.0
 _CLIPPED = 1e3
@@ -72,6 +75,12 @@ def end_of_messages(recording: RawRecording) -> None:
     """What can only be done when all messages were taken."""
     _clean_transforms(recording)
     mend_stamps(recording)
+
+
+def decoding_failed(recording: RawRecording, topic: str, err: Exception) -> None:
+    """Count a message that is not what its type says."""
+    recording.drop_broken(f"message on {topic} that cannot be decoded")
+    _log.debug("%s: %s: %s", recording.name, topic, words_of(err))
 
 
 def plain_frame(frame: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from dynmap_cli.ingest.bag1_records import bag1_messages
-from dynmap_cli.ingest.bags import UnreadableBagError, damaged, decode_message, decoding_failed
+from dynmap_cli.ingest.bags import UnreadableBagError, decode_message
 from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.blocks import block_of
 from dynmap_cli.ingest.db3_rows import db3_messages
@@ -16,7 +16,8 @@ from dynmap_cli.ingest.kinds import READ_TYPES, USED_TYPES
 from dynmap_cli.ingest.mcap_records import mcap_messages
 from dynmap_cli.ingest.plausible import is_stamp
 from dynmap_cli.ingest.raw import RawRecording, Topic, file_name
-from dynmap_cli.ingest.ros_messages import Message, end_of_messages
+from dynmap_cli.ingest.refusals import damaged
+from dynmap_cli.ingest.ros_messages import Message, decoding_failed, end_of_messages
 from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage
 from dynmap_cli.printable import printable
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from dynmap_cli.files.damage import reason
+from dynmap_cli.printable import printable
 
 DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
 """What taking broken bytes apart raises."""
 
+ORPHAN = "message of no known topic"
 _MOST_MISSING = 1 << 44
+_MOST_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +122,24 @@ class Losses:
         there_were = (n_found + self.lost_messages) * self.n_bytes / left_bytes
         two_digits = 10 ** max(len(str(int(there_were))) - 2, 0)
         return f" of about {max(round(there_were / two_digits) * two_digits, n_found)}"
+
+
+def nameless_topics(topics: Iterable[tuple[object, object]]) -> list[str]:
+    """What is wrong with topics of which name or type is no text; nothing checks that in the tables of a .db3."""
+    rows = list(topics)
+    n_nameless = sum(not isinstance(name, str) for name, _ in rows)
+    untyped = [text_of(name) for name, kind in rows if not isinstance(kind, str)]
+    left = f" and {len(untyped) - _MOST_SHOWN} others" if len(untyped) > _MOST_SHOWN else ""
+    return [
+        *([f"the name of {n_nameless} topics is no text"] if n_nameless else []),
+        *([f"the type of {', '.join(untyped[:_MOST_SHOWN])}{left} is not known"] if untyped else []),
+    ]
+
+
+def text_of(value: object) -> str:
+    """A name or type from a table, printable; what is no text is shown as well as it can be, "" where it is missing."""
+    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    return "" if text is None else printable(str(text))
 
 
 def words_of(err: BaseException) -> str:

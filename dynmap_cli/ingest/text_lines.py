@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 LONGEST_BYTES = 1 << 23
+BYTE_ORDER_MARK = codecs.BOM_UTF8
+"""Before the first line, from editors that write UTF-8 with it."""
 
 
 def text_lines(path: Path, drop_broken: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
     """Yield number, from 1, and text of each line; lines with null bytes or over 8 MiB go to *drop_broken* instead."""
     number = 0
     with path.open("rb") as stream:
+        if stream.read(len(BYTE_ORDER_MARK)) != BYTE_ORDER_MARK:
+            stream.seek(0)
         while line := stream.readline(LONGEST_BYTES):
             number += 1
             if len(line) == LONGEST_BYTES and not line.endswith(b"\n"):

@@ -1,6 +1,7 @@
 """`-`: a recording through a pipe."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -50,3 +51,22 @@ def test_nothing_through_a_pipe_is_refused():
     done = dynmap(["check", "-", "-q"], b"")
     assert done.returncode == 4
     assert done.stderr.decode().splitlines()[-1].endswith("the file is empty")
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["check", "--help"], ["config", "show"]])
+def test_a_pipe_that_nobody_reads_is_said(words):
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "dynmap_cli", *words],
+            stdout=writing,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    finally:
+        os.close(writing)
+    assert done.returncode == 5
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("dynmap: stdout: cannot be written (Broken pipe)")

@@ -1,5 +1,7 @@
 """CARMEN and Wean Hall text."""
 
+import codecs
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -264,3 +266,12 @@ def test_wean_lines_read_back_in_metres(tmp_path):
     np.testing.assert_allclose(log.odometry, robots()[kept], atol=1e-6)
     np.testing.assert_allclose(log.sensor_poses, [[0.25, 0.0, 0.0]], atol=1e-6)
     np.testing.assert_allclose(np.degrees(log.bearings_rad[0, [0, 179]]), [-90.0, 89.0])
+
+
+@pytest.mark.parametrize("n_lines", [1, 40])
+def test_a_byte_order_mark_costs_no_line(n_lines, tmp_path):
+    path = tmp_path / "a.log"
+    path.write_bytes(codecs.BOM_UTF8 + "".join(flaser_lines()[:n_lines]).encode())
+    log, report = read_recordings([path], SETTINGS)
+    assert log.n_scans == n_lines
+    assert not report.dropped
