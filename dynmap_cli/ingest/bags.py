@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1_reader
 from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -25,6 +25,7 @@ from dynmap_cli.ingest.bag1_chunks import bag1_blocks, is_orderly
 from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.blocks import Block, blocks_of_rows
 from dynmap_cli.ingest.db3_blocks import db3_blocks
+from dynmap_cli.ingest.definitions import check_definitions, check_size, is_usual
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.layouts import has_layout, layout_of
@@ -93,10 +94,13 @@ class _UsedTypes:
     def connections(self) -> list[Any]:
         """Those of types that are used as they are, for they are known by their identity."""
         hidden = MessageDefinition(MessageDefinitionFormat.NONE, "")
-        return [
-            one if one.msgtype in USED_TYPES else one._replace(msgdef=hidden)
-            for one in self._inner.connections
-        ]
+        found = []
+        for one in self._inner.connections:
+            is_used = one.msgtype in USED_TYPES
+            if is_used:
+                check_size(one.msgtype, one.msgdef.data)
+            found.append(one if is_used else one._replace(msgdef=hidden))
+        return found
 
 
 def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
@@ -148,7 +152,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
             check_index(inner)
         if path.is_dir() and not reader.connections:
             raise UnreadableBagError(_NO_TOPICS)
-        _check_definitions(reader)
+        used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
+        check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
         _close(reader)
         raise
@@ -177,26 +182,6 @@ def check_index(reader: Any) -> None:
     if chunks and stated != indexed:
         msg = f"its index has {indexed} messages, its chunks {stated}"
         raise UnreadableBagError(msg)
-
-
-def _check_definitions(reader: AnyReader) -> None:
-    """Refuse a bag in which a standard type that is used, or one inside it, lacks fields: its definition is broken."""
-    standard = _ros2_types() if reader.is2 else _ros1_types()
-    waiting = [connection.msgtype for connection in reader.connections if connection.msgtype in USED_TYPES]
-    seen: set[str] = set()
-    while waiting:
-        kind = waiting.pop()
-        if kind in seen or kind not in standard.fielddefs:
-            continue
-        seen.add(kind)
-        own = {name for name, _ in reader.typestore.fielddefs[kind][1]}
-        for name, (node, detail) in standard.fielddefs[kind][1]:
-            if name not in own:
-                msg = f"its definition of {kind} has no field {name}"
-                raise UnreadableBagError(msg)
-            inner = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
-            if inner[0] == Nodetype.NAME:
-                waiting.append(str(inner[1]))
 
 
 def _expected(
@@ -257,7 +242,8 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
             decoding_failed(recording, topic, err)
             return []
 
-    usual = {connection.msgtype for connection in wanted if _is_usual(reader, connection.msgtype)}
+    kinds = {connection.msgtype for connection in wanted}
+    usual = {kind for kind in kinds if is_usual(reader.typestore, _standard(reader), kind)}
     batches = Batches(recording, decode, usual, is_cdr=reader.is2)
     numbers = {
         id(connection): batches.number_of(printable(connection.topic), connection.msgtype)
@@ -281,27 +267,6 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
     if found != stated:
         msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
         raise UnreadableBagError(msg)
-
-
-def _is_usual(reader: AnyReader, kind: str) -> bool:
-    """Whether a bag defines a type, and those inside it, as the standard does."""
-    standard = _ros2_types() if reader.is2 else _ros1_types()
-    waiting, seen = [kind], set()
-    while waiting:
-        name = waiting.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        if name not in standard.fielddefs or name not in reader.typestore.fielddefs:
-            return False
-        fields = standard.fielddefs[name][1]
-        if reader.typestore.fielddefs[name][1] != fields:
-            return False
-        for _, (node, detail) in fields:
-            inner = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
-            if inner[0] == Nodetype.NAME:
-                waiting.append(str(inner[1]))
-    return True
 
 
 def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
@@ -348,6 +313,11 @@ def _from_files(
             if (connection.topic, connection.msgtype) in kinds
         }
         yield from blocks_of(storage, channels)
+
+
+def _standard(reader: AnyReader) -> Typestore:
+    """Message types as they should be in a bag."""
+    return _ros2_types() if reader.is2 else _ros1_types()
 
 
 @functools.cache
