@@ -22,6 +22,7 @@ from rosbags.typesys.store import Typestore
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest import protobuf
 from dynmap_cli.ingest.bag1_chunks import bag1_blocks, is_orderly
+from dynmap_cli.ingest.bag1_records import bag1_bytes_behind
 from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.blocks import Block, blocks_of_rows
 from dynmap_cli.ingest.db3_blocks import db3_blocks
@@ -30,11 +31,11 @@ from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.layouts import has_layout, layout_of
 from dynmap_cli.ingest.mcap_chunks import are_orderly, ordered_messages
-from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
+from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_bytes_behind, summary_state
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, end_of_messages
 from dynmap_cli.ingest.space import Space
-from dynmap_cli.ingest.stored import Channel, words_of
+from dynmap_cli.ingest.stored import Channel, words_of, words_of_rest
 from dynmap_cli.ingest.unpacking import unpack_whole, unpacked_message
 from dynmap_cli.printable import printable
 
@@ -142,8 +143,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
     reader = None
     try:
         for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            if file.suffix == ".mcap" and summary_state(file) is SummaryState.BROKEN:
-                raise UnreadableBagError(BROKEN_SUMMARY)
+            if file.suffix == ".mcap":
+                _check_summary(file)
         reader = AnyReader([path], default_typestore=_ros2_types())
         inside: Any = [_UsedTypes(inner) for inner in reader.readers]
         reader.readers = inside
@@ -174,14 +175,27 @@ def _close(reader: AnyReader | None) -> None:
             inner.close()
 
 
+def _check_summary(file: Path) -> None:
+    """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
+    state = summary_state(file)
+    if state is SummaryState.BROKEN:
+        raise UnreadableBagError(BROKEN_SUMMARY)
+    n_behind = mcap_bytes_behind(file) if state is SummaryState.UNKNOWN else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
+
+
 def check_index(reader: Any) -> None:
-    """Refuse a ROS 1 bag whose index leaves out messages that its chunks are said to hold."""
+    """Refuse a ROS 1 bag that goes on behind its index, or whose index leaves out messages that its chunks hold."""
     chunks = getattr(reader, "chunk_infos", [])
     stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
     indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
     if chunks and stated != indexed:
         msg = f"its index has {indexed} messages, its chunks {stated}"
         raise UnreadableBagError(msg)
+    n_behind = bag1_bytes_behind(reader.path) if chunks else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
 
 
 def _expected(

@@ -96,6 +96,11 @@ class Losses:
             self.n_bytes += n_bytes
             self.note("its end is missing", n_bytes=n_bytes)
 
+    def note_behind(self, n_bytes: int) -> None:
+        """Add bytes behind the end of a container, as of a second one that was appended: they are not read."""
+        if n_bytes > 0:
+            self.note(words_of_rest(n_bytes), n_bytes=n_bytes)
+
     def line(self, name: str, kind: str, n_found: int, span_s: float) -> str:
         """Say it in one sentence, with numbers."""
         lost = [f"{self.lost_bytes} of {self.n_bytes} bytes"] if self.lost_bytes else []
@@ -118,6 +123,11 @@ class Losses:
         there_were = (n_found + self.lost_messages) * self.n_bytes / left_bytes
         two_digits = 10 ** max(len(str(int(there_were))) - 2, 0)
         return f" of about {max(round(there_were / two_digits) * two_digits, n_found)}"
+
+
+def words_of_rest(n_bytes: int) -> str:
+    """What is wrong with a container that goes on behind its end."""
+    return f"{n_bytes} bytes behind its end are not read"
 
 
 def words_of(err: BaseException) -> str:
