@@ -10,6 +10,7 @@ import mmap
 import struct
 from collections import Counter
 from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from dynmap_cli.ingest.unpacking import unpack
 from dynmap_cli.printable import printable
 
 _MAGIC_BYTES = len(b"#ROSBAG V2.0\n")
-_MESSAGE, _BAG, _CHUNK, _CONNECTION = 2, 3, 5, 7
+_MESSAGE, _BAG, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 5, 6, 7
 _SIZES = {_MESSAGE: {b"conn": 4, b"time": 8}, _CONNECTION: {b"conn": 4}}
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 _TIME = struct.Struct("<II")
@@ -45,6 +46,9 @@ def bag1_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     with path.open("rb") as stream:
         view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
     losses.n_bytes += len(view)
+    end = _end_of(view)
+    losses.note_behind(len(view) - end)
+    view = view[:end]
     connections: dict[int, Channel] = {}
     counts: Counter[Channel] = Counter()
     for record in _records(view, _MAGIC_BYTES, Losses()):
@@ -60,6 +64,34 @@ def bag1_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
             index_at_byte = _U64.unpack(index_at)[0]
             losses.is_size_known = index_at_byte > 0
             losses.note_missing(index_at_byte - len(view))
+
+
+def bag1_bytes_behind(path: Path) -> int:
+    """How many bytes lie behind the index of a bag, which is its end; 0 where it has none, or a broken one."""
+    with path.open("rb") as stream:
+        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    return len(view) - _end_of(view)
+
+
+def _end_of(view: memoryview) -> int:
+    """Where the index ends: a record of each connection, then one of each chunk; the end of the file without one."""
+    losses = Losses()
+    header = next(_records(view, _MAGIC_BYTES, losses), None)
+    if header is None or header.op != _BAG:
+        return len(view)
+    try:
+        (index_at,) = _U64.unpack(header.fields[b"index_pos"])
+        (n_connections,) = _U32.unpack(header.fields[b"conn_count"])
+        (n_chunks,) = _U32.unpack(header.fields[b"chunk_count"])
+    except DAMAGE:
+        return len(view)
+    kinds = chain(repeat(_CONNECTION, n_connections), repeat(_CHUNK_INFO, n_chunks))
+    n_found, end = 0, 0
+    for kind, record in zip(kinds, _records(view, index_at, losses), strict=False):
+        if record.op != kind or not record.is_whole:
+            return len(view)
+        n_found, end = n_found + 1, record.end
+    return end if 0 < n_found == n_connections + n_chunks else len(view)
 
 
 def _chunk(

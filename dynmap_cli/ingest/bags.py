@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1_reader
 from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -21,18 +21,20 @@ from rosbags.typesys.store import Typestore
 
 from dynmap_cli.ingest import protobuf
 from dynmap_cli.ingest.bag1_chunks import bag1_blocks, is_orderly
+from dynmap_cli.ingest.bag1_records import bag1_bytes_behind
 from dynmap_cli.ingest.batches import Batches
 from dynmap_cli.ingest.blocks import Block, blocks_of_rows
 from dynmap_cli.ingest.db3_blocks import count_orphans, db3_blocks
+from dynmap_cli.ingest.definitions import check_definitions, check_size, is_usual
 from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.layouts import has_layout, layout_of
 from dynmap_cli.ingest.mcap_chunks import are_orderly, ordered_messages
-from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, summary_state
+from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_bytes_behind, summary_state
 from dynmap_cli.ingest.raw import RawRecording, Topic
 from dynmap_cli.ingest.ros_messages import Message, decoding_failed, end_of_messages
 from dynmap_cli.ingest.space import Space
-from dynmap_cli.ingest.stored import Channel, nameless_topics, words_of
+from dynmap_cli.ingest.stored import Channel, nameless_topics, words_of, words_of_rest
 from dynmap_cli.ingest.unpacking import unpack_whole, unpacked_message
 from dynmap_cli.printable import printable
 
@@ -92,10 +94,13 @@ class _UsedTypes:
     def connections(self) -> list[Any]:
         """Those of types that are used as they are, for they are known by their identity."""
         hidden = MessageDefinition(MessageDefinitionFormat.NONE, "")
-        return [
-            one if one.msgtype in USED_TYPES else one._replace(msgdef=hidden)
-            for one in self._inner.connections
-        ]
+        found = []
+        for one in self._inner.connections:
+            is_used = one.msgtype in USED_TYPES
+            if is_used:
+                check_size(one.msgtype, one.msgdef.data)
+            found.append(one if is_used else one._replace(msgdef=hidden))
+        return found
 
 
 def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
@@ -138,8 +143,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
     reader = None
     try:
         for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            if file.suffix == ".mcap" and summary_state(file) is SummaryState.BROKEN:
-                raise UnreadableBagError(BROKEN_SUMMARY)
+            if file.suffix == ".mcap":
+                _check_summary(file)
         reader = AnyReader([path], default_typestore=_ros2_types())
         inside: Any = [_UsedTypes(inner) for inner in reader.readers]
         reader.readers = inside
@@ -150,7 +155,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
             raise UnreadableBagError(_NO_TOPICS)
         for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
             raise UnreadableBagError(why)
-        _check_definitions(reader)
+        used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
+        check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
         _close(reader)
         raise
@@ -171,34 +177,27 @@ def _close(reader: AnyReader | None) -> None:
             inner.close()
 
 
+def _check_summary(file: Path) -> None:
+    """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
+    state = summary_state(file)
+    if state is SummaryState.BROKEN:
+        raise UnreadableBagError(BROKEN_SUMMARY)
+    n_behind = mcap_bytes_behind(file) if state is SummaryState.UNKNOWN else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
+
+
 def check_index(reader: Any) -> None:
-    """Refuse a ROS 1 bag whose index leaves out messages that its chunks are said to hold."""
+    """Refuse a ROS 1 bag that goes on behind its index, or whose index leaves out messages that its chunks hold."""
     chunks = getattr(reader, "chunk_infos", [])
     stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
     indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
     if chunks and stated != indexed:
         msg = f"its index has {indexed} messages, its chunks {stated}"
         raise UnreadableBagError(msg)
-
-
-def _check_definitions(reader: AnyReader) -> None:
-    """Refuse a bag in which a standard type that is used, or one inside it, lacks fields: its definition is broken."""
-    standard = _ros2_types() if reader.is2 else _ros1_types()
-    waiting = [connection.msgtype for connection in reader.connections if connection.msgtype in USED_TYPES]
-    seen: set[str] = set()
-    while waiting:
-        kind = waiting.pop()
-        if kind in seen or kind not in standard.fielddefs:
-            continue
-        seen.add(kind)
-        own = {name for name, _ in reader.typestore.fielddefs[kind][1]}
-        for name, (node, detail) in standard.fielddefs[kind][1]:
-            if name not in own:
-                msg = f"its definition of {kind} has no field {name}"
-                raise UnreadableBagError(msg)
-            inner = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
-            if inner[0] == Nodetype.NAME:
-                waiting.append(str(inner[1]))
+    n_behind = bag1_bytes_behind(reader.path) if chunks else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
 
 
 def _expected(
@@ -259,7 +258,8 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
             decoding_failed(recording, topic, err)
             return []
 
-    usual = {connection.msgtype for connection in wanted if _is_usual(reader, connection.msgtype)}
+    kinds = {connection.msgtype for connection in wanted}
+    usual = {kind for kind in kinds if is_usual(reader.typestore, _standard(reader), kind)}
     batches = Batches(recording, decode, usual, is_cdr=reader.is2)
     numbers = {
         id(connection): batches.number_of(printable(connection.topic), connection.msgtype)
@@ -295,27 +295,6 @@ def _tables_of(reader: AnyReader) -> list[Any]:
     """What reads each .db3 file."""
     files = [file for inner in reader.readers for file in _files_of(inner)]
     return [file for file in files if isinstance(file, storage_sqlite3.Sqlite3Reader)]
-
-
-def _is_usual(reader: AnyReader, kind: str) -> bool:
-    """Whether a bag defines a type, and those inside it, as the standard does."""
-    standard = _ros2_types() if reader.is2 else _ros1_types()
-    waiting, seen = [kind], set()
-    while waiting:
-        name = waiting.pop()
-        if name in seen:
-            continue
-        seen.add(name)
-        if name not in standard.fielddefs or name not in reader.typestore.fielddefs:
-            return False
-        fields = standard.fielddefs[name][1]
-        if reader.typestore.fielddefs[name][1] != fields:
-            return False
-        for _, (node, detail) in fields:
-            inner = detail[0] if node in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (node, detail)
-            if inner[0] == Nodetype.NAME:
-                waiting.append(str(inner[1]))
-    return True
 
 
 def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
@@ -362,6 +341,11 @@ def _from_files(
             if (connection.topic, connection.msgtype) in kinds
         }
         yield from blocks_of(storage, channels)
+
+
+def _standard(reader: AnyReader) -> Typestore:
+    """Message types as they should be in a bag."""
+    return _ros2_types() if reader.is2 else _ros1_types()
 
 
 @functools.cache

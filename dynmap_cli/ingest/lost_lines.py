@@ -79,7 +79,7 @@ def fault_of_time(word: bytes) -> str:
 def fault_of_pose(words: Sequence[bytes]) -> str:
     """What is wrong with the first wrong number of poses; "" where nothing is."""
     for word in words:
-        if not _are_numbers([word]) or not are_coordinates((float(word),)):
+        if not _is_coordinate(word):
             return f"pose with {shown(word)}; numbers from {-FARTHEST_M:g} to {FARTHEST_M:g} are allowed"
     return ""
 
@@ -96,6 +96,14 @@ def fault_of_readings(words: Sequence[bytes]) -> str:
         else:
             high = middle
     return f"reading {low + 1} is {shown(words[low])}; numbers are allowed"
+
+
+def _is_coordinate(word: bytes) -> bool:
+    """Whether a word is a number that a pose may hold."""
+    try:
+        return _are_numbers([word]) and are_coordinates((float(word),))
+    except ValueError:
+        return False
 
 
 def _are_numbers(words: Sequence[bytes]) -> bool:

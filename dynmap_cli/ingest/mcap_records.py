@@ -68,6 +68,26 @@ def summary_state(path: Path) -> SummaryState:
     return SummaryState.WHOLE if zlib.crc32(covered) == checksum else SummaryState.BROKEN
 
 
+def mcap_bytes_behind(path: Path) -> int:
+    """How many bytes lie behind the first end of a file, going by the summary that its last footer names.
+
+    A summary without a checksum may be that of another file, to which this one was appended; 0 where there is none.
+    """
+    with path.open("rb") as stream:
+        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    footer_start = len(view) - _MAGIC_BYTES - _FOOTER.size
+    if footer_start < _MAGIC_BYTES:
+        return 0
+    op, _, summary_start, *_ = _FOOTER.unpack_from(view, footer_start)
+    if op != Opcode.FOOTER or not _MAGIC_BYTES < summary_start <= footer_start:
+        return 0
+    end = summary_start
+    for record in _records(view, summary_start, Losses()):
+        end = record.end
+    is_end = bytes(view[end : end + _MAGIC_BYTES]) == _MAGIC
+    return len(view) - end - _MAGIC_BYTES if is_end else 0
+
+
 class _Record(NamedTuple):
     """A record: where its content lies, and whether it is all there."""
 
@@ -235,6 +255,7 @@ def _records(
     """
     while position < len(view):
         if bytes(view[position : position + _MAGIC_BYTES]) == _MAGIC:
+            losses.note_behind(len(view) - position - _MAGIC_BYTES)
             return
         if position + _FRAME.size > len(view):
             losses.note("it ends in the middle of a record")

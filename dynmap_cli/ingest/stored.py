@@ -100,6 +100,11 @@ class Losses:
             self.n_bytes += n_bytes
             self.note("its end is missing", n_bytes=n_bytes)
 
+    def note_behind(self, n_bytes: int) -> None:
+        """Add bytes behind the end of a container, as of a second one that was appended: they are not read."""
+        if n_bytes > 0:
+            self.note(words_of_rest(n_bytes), n_bytes=n_bytes)
+
     def line(self, name: str, kind: str, n_found: int, span_s: float) -> str:
         """Say it in one sentence, with numbers."""
         lost = [f"{self.lost_bytes} of {self.n_bytes} bytes"] if self.lost_bytes else []
@@ -140,6 +145,11 @@ def text_of(value: object) -> str:
     """A name or type from a table, printable; what is no text is shown as well as it can be, "" where it is missing."""
     text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
     return "" if text is None else printable(str(text))
+
+
+def words_of_rest(n_bytes: int) -> str:
+    """What is wrong with a container that goes on behind its end."""
+    return f"{n_bytes} bytes behind its end are not read"
 
 
 def words_of(err: BaseException) -> str:

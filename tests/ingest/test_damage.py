@@ -104,6 +104,23 @@ def test_a_file_without_its_end_says_that_nothing_else_is_known_to_be_lost(writt
     assert "lost no message that is known of" in report.warnings[0]
 
 
+@pytest.mark.parametrize(
+    ("container", "has_checksum"),
+    [("ros1", True), ("mcap ros2", True), ("mcap ros2", False), ("mcap blank", False)],
+)
+def test_what_lies_behind_the_end_is_said_with_its_size(written, container, has_checksum, tmp_path):
+    name, data = written[container]
+    if not has_checksum:
+        data = data[:-12] + bytes(4) + data[-8:]
+    log, report = read(tmp_path, name, data + data)
+    np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
+    assert f"{len(data)} bytes behind its end are not read" in report.warnings[0]
+    assert f"lost {len(data)} of {2 * len(data)} bytes" in report.warnings[0]
+    assert len(report.warnings) == 1
+    with pytest.raises(LogError, match=f"{len(data)} bytes behind its end"):
+        read_recordings([tmp_path / name], IngestSettings(strict=True))
+
+
 def test_a_hole_of_zeros_in_a_database_is_jumped_over(written, tmp_path):
     name, data = written["db3"]
     at = len(data) // 2 // 4096 * 4096
