@@ -107,14 +107,16 @@ def _row(bench: Bench, verb: str, recording: Path, truth: Trajectory, bound_mb: 
 def write_repeated(laps: Path, recording: Path, hours: float) -> Trajectory:
     """Write the laps again and again with new noise until the hours are full; where the robot was at each scan.
 
-    The robot goes from the end of one repetition to the start of the next as in no time, so the odometry of a
-    repetition is continued by what it was at its end and the true step to the start.
+    A repetition begins where the robot stands as it does at the end. Its odometry goes on from what it was at the end
+    of the one before, by the true step between the two.
     """
     truth = read_tum(truth_folder(laps) / "trajectory.tum")
-    messages = _messages(laps)
+    begin = _like_the_end(truth.poses)
+    truth = Trajectory(truth.stamps_ns[begin:], truth.poses[begin:])
+    messages = [one for one in _messages(laps) if one[0] == "/tf_static" or one[1] >= truth.stamps_ns[0]]
     driven = np.array([_pose(message) for topic, _, message in messages if topic == "/tf"])
     to_next = compose(between(driven[0], driven[-1]), between(truth.poses[-1], truth.poses[0]))
-    period_ns = messages[-1][1] - messages[0][1] + _GAP_NS
+    period_ns = messages[-1][1] - int(truth.stamps_ns[0]) + _GAP_NS
     count = math.ceil(hours * 3600e9 / period_ns)
     random = np.random.default_rng(1)
     start = driven[0]
@@ -139,6 +141,12 @@ def write_repeated(laps: Path, recording: Path, hours: float) -> Trajectory:
         writer.finish()
     stamps_ns = truth.stamps_ns + period_ns * np.arange(count)[:, None]
     return Trajectory(stamps_ns.ravel(), np.tile(truth.poses, (count, 1)))
+
+
+def _like_the_end(poses: F64) -> int:
+    """Which pose of the first half is most like the last one."""
+    error = between(poses[-1], poses[: len(poses) // 2])
+    return int(np.argmin(np.hypot(error[:, 0], error[:, 1]) + np.abs(error[:, 2])))
 
 
 def _messages(laps: Path) -> list[tuple[str, int, Any]]:
