@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.carmen import read_carmen
 from dynmap_cli.ingest.carmen_lines import fault_of
+from dynmap_cli.ingest.lost_lines import fault_of_pose
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.wean import read_wean
@@ -158,3 +159,8 @@ def test_a_text_log_without_sweeps_is_not_told_of_messages(tmp_path):
         LogError, match="Record FLASER, RLASER, ROBOTLASER or RAWLASER lines, or pass another"
     ):
         read_recordings([path], IngestSettings())
+
+
+def test_a_word_of_which_a_part_is_a_number_is_none():
+    """Found by the corpus: a byte of a pose became a control character."""
+    assert fault_of_pose([b"1.5", b"\x19.3"]).startswith("pose with '\\x19.3'")
