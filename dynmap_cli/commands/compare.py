@@ -9,6 +9,7 @@ import click
 from dynmap_cli.commands.options import (
     PATH,
     Shared,
+    output_option,
     print_summary,
     recording_options,
     shared_options,
@@ -23,14 +24,7 @@ MOST_STATES = 20
 @click.command("compare", short_help="Localize LOG with and without the states of RUN.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
-@click.option(
-    "-o",
-    "--output",
-    "out_dir",
-    metavar="OUT",
-    type=PATH,
-    help="Where to write (default: RUN/comparison/NAME, NAME as that of LOG).",
-)
+@output_option("comparison")
 @click.option("--truth", metavar="FILE.tum", type=PATH, help="True poses of LOG; errors are measured then.")
 @click.option(
     "--map-truth",

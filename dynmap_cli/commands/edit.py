@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, print_summary, reading_options
+from dynmap_cli.commands.options import PATH, print_results, print_summary, reading_options, threads_option
 
 NUMBER = click.IntRange(min=0)
 
@@ -43,13 +43,7 @@ NUMBER = click.IntRange(min=0)
 )
 @click.option("--undo", type=click.IntRange(min=1), metavar="N", help="Take correction N of --list back.")
 @click.option("--list", "only_list", is_flag=True, help="Only say which corrections there are.")
-@click.option(
-    "--threads",
-    metavar="N",
-    type=click.IntRange(0, MAX_THREADS),
-    default=0,
-    help="Threads to use; 0 = all cores.",
-)
+@threads_option
 @reading_options
 def command(
     run_dir: Path,

@@ -12,6 +12,7 @@ from dynmap_cli.commands.options import (
     PATH,
     Function,
     Shared,
+    output_option,
     print_summary,
     recording_options,
     shared_options,
@@ -38,14 +39,7 @@ def _smooth_option(function: Function) -> Function:
 
 @click.command("localize", short_help="Find the robot of LOG in the map of RUN.")
 @click.argument("paths", metavar="[RUN] LOG...", nargs=-1, required=True, type=LogPath())
-@click.option(
-    "-o",
-    "--output",
-    "out_dir",
-    metavar="OUT",
-    type=PATH,
-    help="Where to write (default: RUN/localization/NAME, NAME as that of LOG).",
-)
+@output_option("localization")
 @click.option(
     "--map",
     "map_yaml",

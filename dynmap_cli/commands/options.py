@@ -66,6 +66,27 @@ class Shared:
         return self.loaded.config
 
 
+threads_option = click.option(
+    "--threads",
+    metavar="N",
+    type=click.IntRange(0, MAX_THREADS),
+    default=0,
+    help="Threads to use; 0 = all cores.",
+)
+
+
+def output_option(folder: str) -> Callable[[Function], Function]:
+    """-o of a verb that writes into a folder of the run."""
+    return click.option(
+        "-o",
+        "--output",
+        "out_dir",
+        metavar="OUT",
+        type=PATH,
+        help=f"Where to write (default: RUN/{folder}/NAME, NAME as that of LOG).",
+    )
+
+
 def shared_options(function: Function) -> Function:
     """Add --config, --set, --seed, --threads, --json, -v and -q; the verb gets one `shared` argument."""
 
@@ -85,13 +106,7 @@ def shared_options(function: Function) -> Function:
     @click.option(
         "--seed", metavar="N", type=click.IntRange(0, MAX_SEED), help="Seed of everything random (default 0)."
     )
-    @click.option(
-        "--threads",
-        metavar="N",
-        type=click.IntRange(0, MAX_THREADS),
-        default=0,
-        help="Threads to use; 0 = all cores.",
-    )
+    @threads_option
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
     @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")

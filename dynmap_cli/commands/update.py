@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from dynmap_cli.commands.options import MAX_THREADS, PATH, print_results, reading_options
+from dynmap_cli.commands.options import PATH, print_results, reading_options, threads_option
 from dynmap_cli.commands.order import check_order
 from dynmap_cli.commands.piped import LogPath
 
@@ -15,13 +15,7 @@ from dynmap_cli.commands.piped import LogPath
 @click.command("update", short_help="Add LOG to the map of RUN.")
 @click.argument("run_dir", metavar="RUN", type=PATH)
 @click.argument("recordings", metavar="LOG...", nargs=-1, required=True, type=LogPath())
-@click.option(
-    "--threads",
-    metavar="N",
-    type=click.IntRange(0, MAX_THREADS),
-    default=0,
-    help="Threads to use; 0 = all cores.",
-)
+@threads_option
 @reading_options
 def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: bool) -> None:
     """Add LOG to RUN: sub-maps and states keep their numbers, their counts grow, new ones are added.

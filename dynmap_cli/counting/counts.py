@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
-from dynmap_cli.domain.grid import CountingMap, GridFrame
+from dynmap_cli.domain.grid import CountingMap, GridFrame, mark_around
 from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
@@ -347,8 +347,7 @@ def _walls_of(counts: CountingMap) -> U8:
     walls: U8 = sparse_zeros((rows, cols), np.uint8)
     reflecting = counts.hit_cells[counts.reflectance_at_hits >= _WALL_REFLECTANCE]
     row, col = np.divmod(reflecting, cols)
-    for up, right in product((-1, 0, 1), repeat=2):
-        walls[np.clip(row + up, 0, rows - 1), np.clip(col + right, 0, cols - 1)] = 1
+    mark_around(walls, row, col, 1)
     return walls
 
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from dynmap_cli.arrays import B1, F32, F64, I8, I32, I64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of, twists_of
-from dynmap_cli.domain.grid import UNKNOWN, GridFrame
+from dynmap_cli.domain.grid import UNKNOWN, GridFrame, mark_around
 from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.regions import MOST_HITS, add_evidence, add_hit_moments, judge_cells, surface_normals
@@ -126,10 +126,7 @@ def _candidates(numbers: I32, has_many: B1, params: EvidenceParams) -> I64:
     row, col = np.divmod(np.flatnonzero(numbers), cols)
     hit_enough = has_many[numbers[row, col]]
     near: B1 = sparse_zeros((rows, cols), np.bool_)
-    reach = range(-params.support_cells, params.support_cells + 1)
-    for up, right in product(reach, repeat=2):
-        beside = np.clip(row[hit_enough] + up, 0, rows - 1), np.clip(col[hit_enough] + right, 0, cols - 1)
-        near[beside] = True
+    mark_around(near, row[hit_enough], col[hit_enough], params.support_cells)
     is_near = near[row, col]
     return np.stack([row[is_near], col[is_near]], axis=-1)
 

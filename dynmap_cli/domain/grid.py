@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I8, I64
+from dynmap_cli.arrays import B1, F32, F64, I8, I64, U8
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, -1
 """Values of a tri-state grid (int8)."""
@@ -99,6 +100,13 @@ def frame_around(points_m: F64, resolution_m: float, margin_m: float) -> GridFra
     return GridFrame(
         resolution_m, float(low[0] * resolution_m), float(low[1] * resolution_m), int(rows), int(cols)
     )
+
+
+def mark_around(grid: B1 | U8, row: I64, col: I64, reach: int) -> None:
+    """Set the cells (n,) and all those within so many rows and columns of one of them to 1."""
+    rows, cols = grid.shape
+    for up, right in product(range(-reach, reach + 1), repeat=2):
+        grid[np.clip(row + up, 0, rows - 1), np.clip(col + right, 0, cols - 1)] = 1
 
 
 @dataclass(frozen=True, slots=True)

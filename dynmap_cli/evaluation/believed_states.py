@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.domain.patches import SURE
 from dynmap_cli.evaluation.association import nearest_stamp
 from dynmap_cli.evaluation.object_beliefs import BelievedObject, ObjectShares, covered_share
 from dynmap_cli.evaluation.objects import OFF_SHARE, ON_SHARE
@@ -22,9 +23,6 @@ from dynmap_cli.evaluation.states import (
     patch_meanings,
 )
 from dynmap_cli.evaluation.truth import Truth
-
-SURE = 0.8
-"""A state counts as known when its probability reaches this."""
 
 
 @dataclass(frozen=True, slots=True)

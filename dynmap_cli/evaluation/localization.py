@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.domain.patches import SURE
 from dynmap_cli.domain.poses import Trajectory, compose, wrap_angle
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.evaluation.association import known_poses, nearest_stamp
-from dynmap_cli.evaluation.believed_states import SURE, Believed, combination_accuracy, state_measures
+from dynmap_cli.evaluation.believed_states import Believed, combination_accuracy, state_measures
 from dynmap_cli.evaluation.object_beliefs import (
     BelievedObject,
     ObjectShares,

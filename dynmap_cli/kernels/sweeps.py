@@ -46,6 +46,13 @@ def _first_border(start: float, step: float, cell: int) -> tuple[float, float]:
 
 
 @kernel
+def _is_met(code: int, dx: float, dy: float, least_sine: float) -> bool:
+    """Whether a ray of a direction meets a surface: 255 = whatever its own direction, else 1 + that in degrees."""
+    along = math.radians(code - 1.0)
+    return code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine
+
+
+@kernel
 def first_crossing(
     surfaces: U8, x: float, y: float, dx: float, dy: float, length: float, least_sine: float
 ) -> tuple[float, float]:
@@ -87,10 +94,8 @@ def first_crossing(
     at = enter
     while at < leave and 0 <= col < cols and 0 <= row < rows:
         code = surfaces[row, col]
-        if code != 0:
-            along = math.radians(code - 1.0)
-            if code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine:
-                return enter, at
+        if code != 0 and _is_met(code, dx, dy, least_sine):
+            return enter, at
         if next_x < next_y:
             col += step_col
             at = next_x
@@ -149,8 +154,7 @@ def passing_share(
     while at < leave and at + beyond <= length and 0 <= col < cols and 0 <= row < rows:
         code = surfaces[row, col]
         if code != 0:
-            along = math.radians(code - 1.0)
-            if code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine:
+            if _is_met(code, dx, dy, least_sine):
                 share *= passes[row, col]
         elif share < 1.0 and math.isnan(passes[row, col]):
             share = 0.0

@@ -21,6 +21,7 @@ from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import read_tum
 from tests.bench.mapped import ate_m
 from tests.bench.measured import dynmap
+from tests.bench.patrol import OFFICE
 from tests.bench.tables import Row, Table, number
 from tests.bench.worlds import Bench, truth_folder
 
@@ -35,17 +36,7 @@ _TYPES = {
     "/scan": "sensor_msgs/msg/LaserScan",
 }
 _LAPS: dict[str, Any] = {
-    "seed": 16,
-    "turn_deg": 12,
-    "generate": {
-        "kind": "office",
-        "size_m": [36, 19],
-        "boxes": 6,
-        "people": 4,
-        "talking": 2,
-        "changes": {"mean_s": 900, "when": "away"},
-        "seed": 16,
-    },
+    **OFFICE,
     "robot": {"repeat": 4, "speed_mps": 0.6},
     "lasers": [
         {

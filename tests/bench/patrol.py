@@ -21,7 +21,7 @@ LAPS = {1: 17, 2: 33, 4: 66, 8: 133}
 ATE_BOUND_M = 0.05
 PICTURE = Path(__file__).with_name("length.png")
 _TWO_HOURS = 2
-_SCENARIO = {
+OFFICE = {
     "seed": 16,
     "turn_deg": 12,
     "generate": {
@@ -33,6 +33,10 @@ _SCENARIO = {
         "changes": {"mean_s": 900, "when": "away"},
         "seed": 16,
     },
+}
+"""An office in which things change behind the robot."""
+_SCENARIO = {
+    **OFFICE,
     "lasers": [
         {
             "beams": 181,

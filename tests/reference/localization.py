@@ -56,6 +56,11 @@ def plain_beam_log_likelihood(reflectance, pose, sensor, beams, z_hit, floor, st
     return total
 
 
+def plain_blocks(code, direction, least_sine):
+    """Whether a cell is in the way of a beam: 255 of any, 1 + degrees of a surface of those that do not graze it."""
+    return code == 255 or (code > 0 and abs(math.sin(direction - math.radians(code - 1))) >= least_sine)
+
+
 def plain_first_crossing(surfaces, x, y, direction, length, least_sine, step=1e-3):
     """Walk along the ray in tiny steps; entry into the grid and first cell that blocks it."""
     rows, cols = surfaces.shape
@@ -66,8 +71,7 @@ def plain_first_crossing(surfaces, x, y, direction, length, least_sine, step=1e-
         if not (0 <= row < rows and 0 <= col < cols):
             continue
         entered = min(entered, at)
-        code = int(surfaces[row, col])
-        if code == 255 or (code > 0 and abs(math.sin(direction - math.radians(code - 1))) >= least_sine):
+        if plain_blocks(int(surfaces[row, col]), direction, least_sine):
             crossed = at
             break
     return entered, crossed
@@ -84,7 +88,7 @@ def plain_passing_share(surfaces, passes, x, y, direction, length, beyond, least
             continue
         entered = min(entered, at)
         code = int(surfaces[row, col])
-        blocks = code == 255 or (code > 0 and abs(math.sin(direction - math.radians(code - 1))) >= least_sine)
+        blocks = plain_blocks(code, direction, least_sine)
         if at + beyond <= length and (blocks or (code == 0 and crossed and math.isnan(passes[row, col]))):
             crossed[row, col] = float(passes[row, col]) if blocks else 0.0
     return entered, math.prod(crossed.values())
