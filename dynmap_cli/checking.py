@@ -8,7 +8,7 @@ from pathlib import Path
 
 from dynmap_cli.config import Config
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.raw import Topic
+from dynmap_cli.ingest.raw.recording import Topic
 from dynmap_cli.ingest.reading import load_recordings, merge_recordings
 from dynmap_cli.ingest.report import IngestReport
 from dynmap_cli.ingest.settings import IngestSettings

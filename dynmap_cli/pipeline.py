@@ -33,7 +33,7 @@ from dynmap_cli.files.manifest import (
 from dynmap_cli.files.pgm import image_of
 from dynmap_cli.files.publishing import finish_swap, publish, read_manifest_or_none
 from dynmap_cli.files.space import check_space
-from dynmap_cli.ingest.containers import check_path
+from dynmap_cli.ingest.containers.opening import check_path
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
 from dynmap_cli.printable import printable

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from dynmap_cli.commands.tables import table
-from dynmap_cli.ingest.kinds import POSE_TYPES, USED_TYPES
-from dynmap_cli.ingest.raw import Topic
+from dynmap_cli.ingest.choices.track_quality import TrackQuality
+from dynmap_cli.ingest.messages.kinds import POSE_TYPES, USED_TYPES
+from dynmap_cli.ingest.raw.recording import Topic
 from dynmap_cli.ingest.report import IngestReport, LaserReport
-from dynmap_cli.ingest.track_quality import TrackQuality
 
 _WIDTH, _LABEL_WIDTH = 110, 16
 _FIRST_CLOCK_S = 315_532_800  # 1980: what is earlier counts from the start of a robot, not of an epoch

@@ -11,11 +11,11 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.comparison.maps import ComparedMap
 from dynmap_cli.domain.poses import Trajectory, interpolate
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.localization.beliefs.parts import believed_parts
+from dynmap_cli.localization.beliefs.state_tables import PatchBelief, patch_beliefs
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.parts import believed_parts
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.state_tables import PatchBelief, patch_beliefs
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.progress import Tick
 

@@ -22,11 +22,11 @@ from dynmap_cli.evaluation.trajectories import LEAST_POSES, align, read_referenc
 from dynmap_cli.files.patch_archive import read_names
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import format_stamp, read_tum
-from dynmap_cli.localization.global_start import global_start, is_usable
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.particle_filter import estimate_pose
-from dynmap_cli.localization.parts import believed_parts
+from dynmap_cli.localization.beliefs.parts import believed_parts
+from dynmap_cli.localization.particles.particle_filter import estimate_pose
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.stage import outside
+from dynmap_cli.localization.starting.global_start import global_start, is_usable
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 

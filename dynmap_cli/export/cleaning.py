@@ -16,13 +16,13 @@ from dynmap_cli.export.scan_bytes import parse_scan
 from dynmap_cli.export.sources import copy_sources
 from dynmap_cli.export.text_logs import TextChoices, text_container
 from dynmap_cli.files.atomic import replacing
-from dynmap_cli.ingest.carmen import read_carmen
-from dynmap_cli.ingest.containers import Source
-from dynmap_cli.ingest.kinds import CLOUD_TYPES, FOXGLOVE_TYPES, LASER_TYPES
-from dynmap_cli.ingest.raw import file_name
+from dynmap_cli.ingest.containers.opening import Source
+from dynmap_cli.ingest.messages.kinds import CLOUD_TYPES, FOXGLOVE_TYPES, LASER_TYPES
+from dynmap_cli.ingest.messages.stored import StoredMessage
+from dynmap_cli.ingest.raw.recording import file_name
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.ingest.stored import StoredMessage
-from dynmap_cli.ingest.wean import read_wean
+from dynmap_cli.ingest.text.carmen import read_carmen
+from dynmap_cli.ingest.text.wean import read_wean
 
 _FOREIGN_TYPES = {*CLOUD_TYPES, *(name for name in FOXGLOVE_TYPES if name.endswith("LaserScan"))}
 _ENCODINGS = ("cdr", "ros1")

@@ -8,7 +8,7 @@ from typing import IO
 from mcap.writer import CompressionType, Writer
 
 from dynmap_cli.export.messages import Container
-from dynmap_cli.ingest.stored import Channel, StoredMessage
+from dynmap_cli.ingest.messages.stored import Channel, StoredMessage
 
 
 class McapCopy:

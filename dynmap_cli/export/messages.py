@@ -17,13 +17,13 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefiniti
 from rosbags.rosbag2.metadata import dump_qos_v8
 from rosbags.typesys import Stores, get_typestore
 
-from dynmap_cli.ingest.bags import UnreadableBagError, check_index
-from dynmap_cli.ingest.containers import Source
-from dynmap_cli.ingest.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_extras, summary_state
-from dynmap_cli.ingest.raw import file_name
-from dynmap_cli.ingest.salvage import Span, stored_messages
-from dynmap_cli.ingest.stored import Channel, Losses, StoredMessage, words_of
-from dynmap_cli.ingest.unpacking import unpacked_message
+from dynmap_cli.ingest.containers.bags import UnreadableBagError, check_index
+from dynmap_cli.ingest.containers.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_extras, summary_state
+from dynmap_cli.ingest.containers.opening import Source
+from dynmap_cli.ingest.containers.salvage import Span, stored_messages
+from dynmap_cli.ingest.containers.unpacking import unpacked_message
+from dynmap_cli.ingest.messages.stored import Channel, Losses, StoredMessage, words_of
+from dynmap_cli.ingest.raw.recording import file_name
 
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
 

@@ -14,7 +14,7 @@ from dynmap_cli.export.mcap_copy import McapCopy
 from dynmap_cli.export.messages import in_order, open_container
 from dynmap_cli.export.sources import copy_sources
 from dynmap_cli.files.atomic import replacing
-from dynmap_cli.ingest.containers import Source
+from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.settings import IngestSettings
 
 _TEXT_KINDS = {"carmen", "wean"}

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.export.messages import UnreadableContainerError
-from dynmap_cli.ingest.containers import Source, find_sources
+from dynmap_cli.ingest.containers.opening import Source, find_sources
 from dynmap_cli.ingest.settings import IngestSettings
 
 Written = TypeVar("Written")

@@ -21,10 +21,10 @@ from dynmap_cli.files.ros_messages import (
     MessageMaker,
     ScanFields,
 )
-from dynmap_cli.ingest.merging import period_s_of
-from dynmap_cli.ingest.raw import RawOdometry, RawRecording
-from dynmap_cli.ingest.raw_laser import RawLaser
-from dynmap_cli.ingest.stored import Channel, StoredMessage
+from dynmap_cli.ingest.choices.merging import period_s_of
+from dynmap_cli.ingest.messages.stored import Channel, StoredMessage
+from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording
 
 _ROBOT, _WORLD = "base_link", "odom"
 

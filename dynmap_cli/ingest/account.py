@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.ingest.frames import FrameTree, Mounting
-from dynmap_cli.ingest.lasers import LaserChoice
-from dynmap_cli.ingest.merging import Drive
-from dynmap_cli.ingest.odometry import Odometry
-from dynmap_cli.ingest.ranges import NoReturn
-from dynmap_cli.ingest.raw import RawRecording, file_name
+from dynmap_cli.ingest.choices.frames import FrameTree, Mounting
+from dynmap_cli.ingest.choices.lasers import LaserChoice
+from dynmap_cli.ingest.choices.merging import Drive
+from dynmap_cli.ingest.choices.odometry import Odometry
+from dynmap_cli.ingest.choices.ranges import NoReturn
+from dynmap_cli.ingest.choices.timing import timing_of
+from dynmap_cli.ingest.choices.track_quality import quality_of
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.report import IngestReport, LaserReport, RecordingReport
-from dynmap_cli.ingest.timing import timing_of
-from dynmap_cli.ingest.track_quality import quality_of
 
 
 def report_on(

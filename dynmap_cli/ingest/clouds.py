@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.ingest.bags import decode_message
-from dynmap_cli.ingest.frames import FrameTree, make_edge, matrices, planar
-from dynmap_cli.ingest.kinds import CLOUD_TYPES
-from dynmap_cli.ingest.plausible import LONGEST_RANGE_M, is_stamp
-from dynmap_cli.ingest.raw import RawRecording
-from dynmap_cli.ingest.raw_laser import ScanShape
-from dynmap_cli.ingest.robot_frames import find_base
-from dynmap_cli.ingest.ros_messages import decoding_failed, mend_stamps, plain_frame, stamp_of
-from dynmap_cli.ingest.salvage import stored_messages
+from dynmap_cli.ingest.choices.frames import FrameTree, make_edge, matrices, planar
+from dynmap_cli.ingest.choices.robot_frames import find_base
+from dynmap_cli.ingest.containers.bags import decode_message
+from dynmap_cli.ingest.containers.salvage import stored_messages
+from dynmap_cli.ingest.messages.kinds import CLOUD_TYPES
+from dynmap_cli.ingest.messages.ros_messages import decoding_failed, mend_stamps, plain_frame, stamp_of
+from dynmap_cli.ingest.messages.stored import Losses
+from dynmap_cli.ingest.raw.laser import ScanShape
+from dynmap_cli.ingest.raw.plausible import LONGEST_RANGE_M, is_stamp
+from dynmap_cli.ingest.raw.recording import RawRecording
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.ingest.stored import Losses
 
 _log = logging.getLogger(__name__)
 

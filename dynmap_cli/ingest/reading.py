@@ -16,11 +16,8 @@ from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.account import report_on
-from dynmap_cli.ingest.carmen import read_carmen
-from dynmap_cli.ingest.clocks import part_clocks
-from dynmap_cli.ingest.columns import blocks_of, picked_rows, put_rows, spans
-from dynmap_cli.ingest.containers import Source, find_sources
-from dynmap_cli.ingest.doubts import (
+from dynmap_cli.ingest.choices.clocks import part_clocks
+from dynmap_cli.ingest.choices.doubts import (
     drop_impossible,
     note_damaged_pack,
     note_few_beams,
@@ -30,10 +27,10 @@ from dynmap_cli.ingest.doubts import (
     note_track,
     stamps_jump,
 )
-from dynmap_cli.ingest.frames import FrameTree, Mounting, make_edge
-from dynmap_cli.ingest.free_space import Sweeps
-from dynmap_cli.ingest.lasers import LaserChoice, choose_lasers, view_lasers
-from dynmap_cli.ingest.merging import (
+from dynmap_cli.ingest.choices.frames import FrameTree, Mounting, make_edge
+from dynmap_cli.ingest.choices.free_space import Sweeps
+from dynmap_cli.ingest.choices.lasers import LaserChoice, choose_lasers, view_lasers
+from dynmap_cli.ingest.choices.merging import (
     Columns,
     Drive,
     columns_of,
@@ -42,20 +39,23 @@ from dynmap_cli.ingest.merging import (
     join_recordings,
     joined_logs,
 )
-from dynmap_cli.ingest.odometry import (
+from dynmap_cli.ingest.choices.odometry import (
     Odometry,
     ends_without_odometry,
     find_odometry,
 )
-from dynmap_cli.ingest.own_body import mask, unused_sectors
-from dynmap_cli.ingest.ranges import NoReturn, apply_no_return, judge_no_return
-from dynmap_cli.ingest.raw import RawRecording, file_name
+from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
+from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
+from dynmap_cli.ingest.choices.robot_frames import find_base
+from dynmap_cli.ingest.containers.opening import Source, find_sources
+from dynmap_cli.ingest.raw.columns import blocks_of, picked_rows, put_rows, spans
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
-from dynmap_cli.ingest.robot_frames import find_base
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
-from dynmap_cli.ingest.wean import read_wean
+from dynmap_cli.ingest.text.carmen import read_carmen
+from dynmap_cli.ingest.text.wean import read_wean
 
 _log = logging.getLogger(__name__)
 
@@ -205,9 +205,9 @@ def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecordin
         read = read_carmen if source.kind == "carmen" else read_wean
         return read(source.path, source.name, space.folder)
     # Text logs do without the libraries for bags.
-    from dynmap_cli.ingest.bags import UnreadableBagError, read_bag
     from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
-    from dynmap_cli.ingest.salvage import read_salvaged
+    from dynmap_cli.ingest.containers.bags import UnreadableBagError, read_bag
+    from dynmap_cli.ingest.containers.salvage import read_salvaged
 
     kind = _BAG_NAMES[source.kind]
     try:

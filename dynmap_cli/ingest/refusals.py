@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.kinds import LASER_TYPES
-from dynmap_cli.ingest.raw import RawRecording, file_name
-from dynmap_cli.ingest.stored import ORPHAN, words_of
+from dynmap_cli.ingest.messages.kinds import LASER_TYPES
+from dynmap_cli.ingest.messages.stored import ORPHAN, words_of
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 
 _WANTED = {
     "CARMEN text": "FLASER, RLASER, ROBOTLASER or RAWLASER lines",

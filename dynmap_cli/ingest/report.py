@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from dynmap_cli.ingest.raw import Topic
-from dynmap_cli.ingest.timing import Timing
-from dynmap_cli.ingest.track_quality import TrackQuality
+from dynmap_cli.ingest.choices.timing import Timing
+from dynmap_cli.ingest.choices.track_quality import TrackQuality
+from dynmap_cli.ingest.raw.recording import Topic
 
 _MUCH = 0.05
 """Share of the scans from which on what is left out for one reason is a warning."""

@@ -12,7 +12,7 @@ from dynmap_cli.stage import Stage, StageContext
 
 def run(context: StageContext) -> dict[str, Any]:
     """Read the recordings, write the columns of their scans, after those that are there already."""
-    from dynmap_cli.ingest.merging import add_drives
+    from dynmap_cli.ingest.choices.merging import add_drives
     from dynmap_cli.ingest.reading import read_recordings
 
     log, report = read_recordings(context.recordings, context.config.ingest, context.out_dir)

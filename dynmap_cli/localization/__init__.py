@@ -1,1 +1,5 @@
-"""Room 5: patch map and another recording -> pose and state of the world over time."""
+"""Room 5: patch map and another recording -> pose and state of the world over time.
+
+`sensing` is what a scan says of a pose, `particles` the filter, `beliefs` the states of sub-maps, `starting` the
+search for a start, `watching` whether all that is right, `afterwards` smoothing; `tracking` is the loop over scans.
+"""

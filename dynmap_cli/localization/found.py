@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.localization.health import ScanHealth
-from dynmap_cli.localization.motion import Motion
-from dynmap_cli.localization.particle_filter import Particles
+from dynmap_cli.localization.particles.motion import Motion
+from dynmap_cli.localization.particles.particle_filter import Particles
 from dynmap_cli.localization.pose_rows import PoseRow
+from dynmap_cli.localization.watching.health import ScanHealth
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ import numpy as np
 
 from dynmap_cli.domain.patches import NEVER_MAPPED
 from dynmap_cli.files.trajectory import format_stamp
+from dynmap_cli.localization.beliefs.state_tables import ObjectBelief, PatchBelief
 from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.pose_rows import PoseRow
-from dynmap_cli.localization.state_tables import ObjectBelief, PatchBelief
 
 POSES_HEADER = (
     "stamp_s,x_m,y_m,yaw_rad,xx_m2,xy_m2,x_yaw_m_rad,yy_m2,y_yaw_m_rad,yaw_yaw_rad2,"

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.kernels.particles import covariance_near
-from dynmap_cli.localization.particle_filter import CLUSTER_M, CLUSTER_RAD, Estimate, Particles
+from dynmap_cli.localization.particles.particle_filter import CLUSTER_M, CLUSTER_RAD, Estimate, Particles
 
 
 @dataclass(frozen=True, slots=True)

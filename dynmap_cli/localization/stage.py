@@ -14,10 +14,10 @@ from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
-from dynmap_cli.localization.beam_model import with_beam_model
+from dynmap_cli.localization.afterwards.smoothing import smooth
+from dynmap_cli.localization.beliefs.parts import Part, believed_parts
+from dynmap_cli.localization.beliefs.state_tables import object_beliefs, patch_beliefs
 from dynmap_cli.localization.found import HealthRow
-from dynmap_cli.localization.global_start import LEAST_RETURNS
-from dynmap_cli.localization.map_pool import make_map_pool
 from dynmap_cli.localization.outputs import (
     write_health,
     write_objects,
@@ -25,10 +25,10 @@ from dynmap_cli.localization.outputs import (
     write_poses,
     write_states,
 )
-from dynmap_cli.localization.parts import Part, believed_parts
+from dynmap_cli.localization.sensing.beam_model import with_beam_model
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.smoothing import smooth
-from dynmap_cli.localization.state_tables import object_beliefs, patch_beliefs
+from dynmap_cli.localization.starting.global_start import LEAST_RETURNS
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.progress import progress

@@ -11,9 +11,9 @@ import numpy as np
 
 from dynmap_cli.domain.patches import NEVER_MAPPED, SURE
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.localization.changes import changed_line, is_another_place
+from dynmap_cli.localization.beliefs.state_tables import PatchBelief
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.state_tables import PatchBelief
+from dynmap_cli.localization.watching.changes import changed_line, is_another_place
 
 VERDICTS = ("tracking", "changed", "lost")
 

@@ -13,36 +13,7 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import Trajectory, compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
-from dynmap_cli.localization.found import HealthRow, Localization, StateRow
-from dynmap_cli.localization.global_start import (
-    LEAST_RETURNS,
-    given_start,
-    global_start,
-    is_usable,
-    search_again,
-)
-from dynmap_cli.localization.health import Novelties, Patience, Verdict, scan_health
-from dynmap_cli.localization.map_pool import MapPool
-from dynmap_cli.localization.motion import (
-    Motion,
-    predicted_step,
-    sample_motion,
-    step_between,
-    updated_velocity,
-)
-from dynmap_cli.localization.particle_filter import (
-    ONE_MODE_SHARE,
-    Estimate,
-    Particles,
-    estimate_pose,
-    resample,
-    reweigh,
-)
-from dynmap_cli.localization.particle_states import carry_states
-from dynmap_cli.localization.pose_rows import pose_row
-from dynmap_cli.localization.sensor import Sweep, scan_log_likelihoods, sweep_of, temper
-from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.states import (
+from dynmap_cli.localization.beliefs.states import (
     LEAST_BEAMS,
     PlacedSweep,
     StateEvidence,
@@ -51,9 +22,38 @@ from dynmap_cli.localization.states import (
     state_evidence,
     update_belief,
 )
-from dynmap_cli.localization.unmapped import Unmapped
-from dynmap_cli.localization.weighing import Weighing, weighing_of
-from dynmap_cli.localization.world import World
+from dynmap_cli.localization.beliefs.world import World
+from dynmap_cli.localization.found import HealthRow, Localization, StateRow
+from dynmap_cli.localization.particles.motion import (
+    Motion,
+    predicted_step,
+    sample_motion,
+    step_between,
+    updated_velocity,
+)
+from dynmap_cli.localization.particles.particle_filter import (
+    ONE_MODE_SHARE,
+    Estimate,
+    Particles,
+    estimate_pose,
+    resample,
+    reweigh,
+)
+from dynmap_cli.localization.particles.particle_states import carry_states
+from dynmap_cli.localization.pose_rows import pose_row
+from dynmap_cli.localization.sensing.map_pool import MapPool
+from dynmap_cli.localization.sensing.sensor import Sweep, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.sensing.weighing import Weighing, weighing_of
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.starting.global_start import (
+    LEAST_RETURNS,
+    given_start,
+    global_start,
+    is_usable,
+    search_again,
+)
+from dynmap_cli.localization.watching.health import Novelties, Patience, Verdict, scan_health
+from dynmap_cli.localization.watching.unmapped import Unmapped
 from dynmap_cli.progress import Tick, no_tick
 
 WIDEST_SPREAD_M = 0.5

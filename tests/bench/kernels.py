@@ -27,11 +27,11 @@ from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.kernels.em import look_up
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.rays import cells_on_ray
-from dynmap_cli.localization.beam_model import scan_beam_log_likelihoods, with_beam_model
-from dynmap_cli.localization.global_start import lattice_candidates, search_again
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.sensor import Sweep, scan_log_likelihoods
+from dynmap_cli.localization.sensing.beam_model import scan_beam_log_likelihoods, with_beam_model
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.sensor import Sweep, scan_log_likelihoods
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.starting.global_start import lattice_candidates, search_again
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.simulation import load_scenario, simulate
 from tests.bench import beams, real_logs

@@ -16,7 +16,7 @@ from dynmap_cli.arrays import F64
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.evaluation.scores import Score
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
 from dynmap_cli.simulation.run import SimulatedRun, simulate

@@ -12,12 +12,12 @@ import numpy as np
 from dynmap_cli.arrays import B1, F64
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.localization.changes import is_another_place
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.global_start import global_start
-from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.starting.global_start import global_start
 from dynmap_cli.localization.tracking import localize_log
+from dynmap_cli.localization.watching.changes import is_another_place
 from tests.bench.measured import AT_ONCE
 from tests.bench.tables import Row, Table, percent
 from tests.bench.verdict_scenes import KINDS, LOST, Scene, make_scene, pose_is

@@ -61,6 +61,23 @@ def test_what_all_share_imports_no_room():
     assert [(f, to) for f, room, to in to_rooms() if room in allowed and to not in allowed[room]] == []
 
 
+def test_arrows_between_the_rooms_of_ingest():
+    """Recordings come in by containers and text, and are decided on once they are raw."""
+    below = {
+        "raw": set(),
+        "messages": {"raw"},
+        "text": {"raw", "messages"},
+        "containers": {"raw", "messages", "text"},
+        "choices": {"raw"},
+    }
+    wrong = []
+    for file, _, module in imports():
+        above, to = file.split("/")[:2], module.split(".")[1:3]
+        if above[0] == "ingest" == to[0] and above[1] in below and to[1] in below:
+            wrong += [(file, to[1])] if to[1] not in below[above[1]] | {above[1]} else []
+    assert wrong == []
+
+
 def test_only_kernels_import_numba_and_they_import_only_arithmetic():
     numba = {f for f, _, module in imports() if module.partition(".")[0] == "numba"}
     assert numba == {"kernels/jit.py"}

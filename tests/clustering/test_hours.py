@@ -9,7 +9,7 @@ from dynmap_cli.clustering.hours import with_shares_by_hour
 from dynmap_cli.clustering.settings import ClusteringSettings
 from dynmap_cli.clustering.stage import learn_patch_map
 from dynmap_cli.domain.patches import Patch, Visit
-from dynmap_cli.localization.priors import prior_at, prior_by_hour
+from dynmap_cli.localization.beliefs.priors import prior_at, prior_by_hour
 from dynmap_cli.segmentation.settings import SegmentationSettings
 from dynmap_cli.segmentation.stage import find_submaps
 from tests.segmentation.worlds import corridor, door

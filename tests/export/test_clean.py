@@ -21,7 +21,7 @@ from dynmap_cli.export.labels import BeamLabels, hits_known_state
 from dynmap_cli.export.text_logs import TextChoices
 from dynmap_cli.files.counting_map import read_beams, read_unknown
 from dynmap_cli.files.scan_log import read_scan_log
-from dynmap_cli.ingest.mcap_records import mcap_extras
+from dynmap_cli.ingest.containers.mcap_records import mcap_extras
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.written import (

@@ -9,12 +9,13 @@ from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 
-from dynmap_cli.ingest import bags, batches, blocks, mcap_chunks
-from dynmap_cli.ingest.bag1_chunks import bag1_blocks
-from dynmap_cli.ingest.bags import read_bag
-from dynmap_cli.ingest.blocks import block_of
-from dynmap_cli.ingest.db3_blocks import db3_blocks
-from dynmap_cli.ingest.layouts import layout_of
+from dynmap_cli.ingest.containers import bags, mcap_chunks
+from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks
+from dynmap_cli.ingest.containers.bags import read_bag
+from dynmap_cli.ingest.containers.db3_blocks import db3_blocks
+from dynmap_cli.ingest.messages import batches, blocks
+from dynmap_cli.ingest.messages.blocks import block_of
+from dynmap_cli.ingest.messages.layouts import layout_of
 from dynmap_cli.ingest.space import Space
 from tests.ingest.written import (
     ODOMETRY,

@@ -9,10 +9,10 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from dynmap_cli.cli import main
-from dynmap_cli.ingest.raw_laser import RawLaser, ScanShape
+from dynmap_cli.ingest.choices.timing import timing_of
+from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.ingest.timing import timing_of
 from tests.ingest.written import START_NS, TF, World, lone_file, transform, write_bag1, write_bag2, write_mcap
 
 LONG = World(n_scans=60, n_beams=40, step_rad=0.05)

@@ -13,8 +13,9 @@ from dynmap_cli.domain.mapped import mapping_of
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files import space, tables
 from dynmap_cli.files.tables import new_table
-from dynmap_cli.ingest import columns
-from dynmap_cli.ingest.columns import (
+from dynmap_cli.ingest.choices.ranges import Farthest, find_reach_m
+from dynmap_cli.ingest.raw import columns
+from dynmap_cli.ingest.raw.columns import (
     Growing,
     RangeStore,
     blocks_of,
@@ -22,7 +23,6 @@ from dynmap_cli.ingest.columns import (
     picked_rows,
     put_rows,
 )
-from dynmap_cli.ingest.ranges import Farthest, find_reach_m
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
@@ -158,14 +158,14 @@ def test_memory_does_not_grow_with_the_ranges(tmp_path):
         path = write_mcap(tmp_path / f"{n_scans}.mcap", world, "ros2")
         code = (
             "import sys, tracemalloc; from pathlib import Path\n"
-            "import dynmap_cli.ingest.columns as columns\n"
+            "import dynmap_cli.ingest.raw.columns as columns\n"
             "import dynmap_cli.files.tables as tables\n"
-            "import dynmap_cli.ingest.bags\n"
+            "import dynmap_cli.ingest.containers.bags\n"
             "from dynmap_cli.ingest.reading import read_recordings\n"
             "from dynmap_cli.ingest.settings import IngestSettings\n"
             "tables._MOST_IN_MEMORY_BYTES = 1 << 16\n"
             "columns._MOST_IN_MEMORY_BYTES = columns._MOST_OF_COLUMN_BYTES = columns._BLOCK_BYTES = 1 << 16\n"
-            "dynmap_cli.ingest.bags.Batches._BATCH = 1\n"
+            "dynmap_cli.ingest.containers.bags.Batches._BATCH = 1\n"
             "tracemalloc.start()\n"
             "read_recordings([Path(sys.argv[1])], IngestSettings(), Path(sys.argv[2]))\n"
             "print(tracemalloc.get_traced_memory()[1])\n"

@@ -10,7 +10,7 @@ import yaml
 from rosbags.rosbag2 import StoragePlugin
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.mcap_records import SummaryState, summary_state
+from dynmap_cli.ingest.containers.mcap_records import SummaryState, summary_state
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.corpus import FILES, WORLD, scan_ends

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynmap_cli.ingest.definitions import MOST_CHARACTERS
+from dynmap_cli.ingest.messages.definitions import MOST_CHARACTERS
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest import written

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.ingest import protobuf
-from dynmap_cli.ingest.foxglove import DEFINITIONS, as_ros, decode_json
+from dynmap_cli.ingest.messages import protobuf
+from dynmap_cli.ingest.messages.foxglove import DEFINITIONS, as_ros, decode_json
+from dynmap_cli.ingest.messages.ros_messages import Message
 from dynmap_cli.ingest.reading import read_recordings
-from dynmap_cli.ingest.ros_messages import Message
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.written import ROS2, World
 from tests.ingest.written_foxglove import descriptors, sized, varint, whole, write_foxglove

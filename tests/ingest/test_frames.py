@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dynmap_cli.ingest.frames import (
+from dynmap_cli.ingest.choices.frames import (
     FrameTree,
     find_mounting,
     inverse_matrices,
@@ -17,7 +17,7 @@ from dynmap_cli.ingest.frames import (
     planar,
     slerp,
 )
-from dynmap_cli.ingest.raw import RawTransform
+from dynmap_cli.ingest.raw.recording import RawTransform
 
 metres = st.floats(-50.0, 50.0)
 angles = st.floats(-3.1, 3.1)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynmap_cli.ingest.free_space import Sweeps, _crosses_solid, find_contradiction
-from dynmap_cli.ingest.ranges import judge_no_return
+from dynmap_cli.ingest.choices.free_space import Sweeps, _crosses_solid, find_contradiction
+from dynmap_cli.ingest.choices.ranges import judge_no_return
 
 REACH_M = 8.0
 BEARINGS = np.linspace(-np.pi, np.pi, 120, endpoint=False)

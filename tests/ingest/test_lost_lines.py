@@ -5,12 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.carmen import read_carmen
-from dynmap_cli.ingest.carmen_lines import fault_of
-from dynmap_cli.ingest.lost_lines import fault_of_pose
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.ingest.wean import read_wean
+from dynmap_cli.ingest.text.carmen import read_carmen
+from dynmap_cli.ingest.text.carmen_lines import fault_of
+from dynmap_cli.ingest.text.lost_lines import fault_of_pose
+from dynmap_cli.ingest.text.wean import read_wean
 
 TIME = "1200000000.5 host 0.5"
 FLASER = f"FLASER 4 1.00 2.00 3.00 4.00 0 0 0 0 0 0 {TIME}"

@@ -6,7 +6,7 @@ import pytest
 from dynmap_cli.config import Config
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.scan_log import SCAN_FILES, read_scan_log
-from dynmap_cli.ingest.merging import add_drives
+from dynmap_cli.ingest.choices.merging import add_drives
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.stage import run

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.own_body import moves_of, own_body
+from dynmap_cli.ingest.choices.own_body import moves_of, own_body
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.cli.conftest import run_dynmap

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from dynmap_cli.ingest.raw import RawRecording, RawTransform
-from dynmap_cli.ingest.raw_laser import RawLaser, ScanShape
+from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
+from dynmap_cli.ingest.raw.recording import RawRecording, RawTransform
 from dynmap_cli.ingest.reading import merge_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 

@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from dynmap_cli.ingest.free_space import Sweeps
-from dynmap_cli.ingest.ranges import apply_no_return, find_reach_m
-from dynmap_cli.ingest.ranges import judge_no_return as judge_sweeps
+from dynmap_cli.ingest.choices.free_space import Sweeps
+from dynmap_cli.ingest.choices.ranges import apply_no_return, find_reach_m
+from dynmap_cli.ingest.choices.ranges import judge_no_return as judge_sweeps
 
 any_range = st.floats(width=32, allow_nan=True, allow_infinity=True)
 

@@ -13,8 +13,9 @@ from rosbags.rosbag2 import CompressionMode
 
 import dynmap_cli
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest import reading, unpacking
-from dynmap_cli.ingest.containers import find_sources
+from dynmap_cli.ingest import reading
+from dynmap_cli.ingest.containers import unpacking
+from dynmap_cli.ingest.containers.opening import find_sources
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.corpus import FILES

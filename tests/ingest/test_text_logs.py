@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.carmen_lines import flaser_shape
-from dynmap_cli.ingest.decimals import parse_decimals
-from dynmap_cli.ingest.plausible import LATEST_NS, stamp_of_word, stamps_of_words
+from dynmap_cli.ingest.raw.plausible import LATEST_NS, stamp_of_word, stamps_of_words
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.ingest.text.carmen_lines import flaser_shape
+from dynmap_cli.ingest.text.decimals import parse_decimals
 from tests.ingest.written import carmen_line
 
 SETTINGS = IngestSettings()

@@ -6,8 +6,8 @@ import pytest
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, CountingMap, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.localization.beam_model import PLAIN_REFLECTANCE, UNKNOWN_REFLECTANCE, with_beam_model
-from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.beam_model import PLAIN_REFLECTANCE, UNKNOWN_REFLECTANCE, with_beam_model
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 
 FRAME = GridFrame(0.1, -1.0, 2.0, 8, 10)

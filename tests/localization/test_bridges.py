@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynmap_cli.localization.bridges import Way, bridged
+from dynmap_cli.localization.afterwards.bridges import Way, bridged
 
 TRUE = np.column_stack([0.1 * np.arange(30), np.zeros(30), np.zeros(30)])
 JUMPS = [9, 14]

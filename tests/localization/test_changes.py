@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import Trajectory
-from dynmap_cli.localization.changes import changed_line, changed_places, is_another_place
 from dynmap_cli.localization.found import HealthRow, Localization
-from dynmap_cli.localization.health import ScanHealth
-from dynmap_cli.localization.places import Place
 from dynmap_cli.localization.summary import summarize
+from dynmap_cli.localization.watching.changes import changed_line, changed_places, is_another_place
+from dynmap_cli.localization.watching.health import ScanHealth
+from dynmap_cli.localization.watching.places import Place
 
 
 def row(second, verdict="tracking", place=None, changed=0.0, lost=0.0):

@@ -9,12 +9,17 @@ from hypothesis import strategies as st
 
 from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.poses import between
-from dynmap_cli.localization.drives import drive_from
-from dynmap_cli.localization.global_start import LEAST_IN_A_PLACE, draw_start, global_start, search_again
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.modes import Candidates, Look, Mode, all_scores, find_modes
-from dynmap_cli.localization.sensor import sweep_of
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.sensor import sweep_of
 from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.starting.drives import drive_from
+from dynmap_cli.localization.starting.global_start import (
+    LEAST_IN_A_PLACE,
+    draw_start,
+    global_start,
+    search_again,
+)
+from dynmap_cli.localization.starting.modes import Candidates, Look, Mode, all_scores, find_modes
 from tests.localization.worlds import office, patch_sets_of, pose_errors, simulated
 
 SETTINGS = LocalizationSettings()

@@ -6,7 +6,12 @@ import pytest
 from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.kernels.novelties import clip_edges
-from dynmap_cli.localization.health import (
+from dynmap_cli.localization.beliefs.states import place_sweep
+from dynmap_cli.localization.particles.particle_filter import ONE_MODE_SHARE, Estimate
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.sensor import sweep_of
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.watching.health import (
     APART_M,
     CLIPPED_M,
     DOUBT,
@@ -22,12 +27,7 @@ from dynmap_cli.localization.health import (
     lost_measure,
     scan_health,
 )
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.particle_filter import ONE_MODE_SHARE, Estimate
-from dynmap_cli.localization.places import LEAST_BEAMS, NovelPlaces, main_place
-from dynmap_cli.localization.sensor import sweep_of
-from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.states import place_sweep
+from dynmap_cli.localization.watching.places import LEAST_BEAMS, NovelPlaces, main_place
 from tests.localization.test_states import BEARINGS, POSE, evidence, log_of, ranges_in, world
 
 FRAME = GridFrame(0.1, 0.0, 0.0, 50, 50)

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.modes import (
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.sensor import sweep_of
+from dynmap_cli.localization.settings import LocalizationSettings
+from dynmap_cli.localization.starting.modes import (
     LEAST_BELOW,
     SCANS_OF_A_DRIVE,
     Candidates,
@@ -19,8 +21,6 @@ from dynmap_cli.localization.modes import (
     look_scores,
     weigh_on,
 )
-from dynmap_cli.localization.sensor import sweep_of
-from dynmap_cli.localization.settings import LocalizationSettings
 from tests.localization.test_states import POSE, log_of, world
 
 SETTINGS = LocalizationSettings()

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import compose, wrap_angle
 from dynmap_cli.kernels.particles import mean_step
-from dynmap_cli.localization.motion import (
+from dynmap_cli.localization.particles.motion import (
     SHARE_OF_STEP,
     SHORTEST_STEP_M,
     Motion,
@@ -16,8 +16,8 @@ from dynmap_cli.localization.motion import (
     turn_drive_turn,
     updated_velocity,
 )
+from dynmap_cli.localization.particles.spread_noise import spread_noise
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.spread_noise import spread_noise
 from tests.reference.localization import plain_mean_step, plain_motion_moments, plain_odometry_step
 
 STILL = {"drift_sigma_m": 0.0, "drift_sigma_rad": 0.0}

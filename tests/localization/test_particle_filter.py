@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.kernels.particles import count_bins, draw_low_variance, kld_count, sort_into_bins
-from dynmap_cli.localization.particle_filter import (
+from dynmap_cli.localization.particles.particle_filter import (
     BIN_M,
     BIN_RAD,
     CLUSTER_M,

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import compose
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.particle_filter import make_particles, resample
-from dynmap_cli.localization.particle_states import CarriedStates, carry_states
-from dynmap_cli.localization.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.beliefs.transitions import nearest_submaps, predict_belief
+from dynmap_cli.localization.particles.particle_filter import make_particles, resample
+from dynmap_cli.localization.particles.particle_states import CarriedStates, carry_states
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.sensor import pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.sensing.weighing import weighing_of
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.transitions import nearest_submaps, predict_belief
-from dynmap_cli.localization.weighing import weighing_of
 from tests.localization.test_states import log_of, ranges_in, world
 from tests.reference.localization import exact_joint_posterior
 

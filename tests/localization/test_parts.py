@@ -17,20 +17,20 @@ from dynmap_cli.domain.patches import (
     PatchSet,
     Visit,
 )
-from dynmap_cli.localization.combinations import (
+from dynmap_cli.localization.beliefs.combinations import (
     MAX_COMBINATIONS,
     is_compatible,
     on_in_patches,
     possible_combinations,
     switches_of,
 )
+from dynmap_cli.localization.beliefs.parts import independent_parts, nearest_object, whole_parts
+from dynmap_cli.localization.beliefs.state_tables import object_beliefs, patch_beliefs
+from dynmap_cli.localization.beliefs.states import place_sweep, state_evidence, update_belief
 from dynmap_cli.localization.found import StateRow
-from dynmap_cli.localization.map_pool import BESIDE_CELLS, make_map_pool, slices_of
-from dynmap_cli.localization.parts import independent_parts, nearest_object, whole_parts
-from dynmap_cli.localization.sensor import Sweep
+from dynmap_cli.localization.sensing.map_pool import BESIDE_CELLS, make_map_pool, slices_of
+from dynmap_cli.localization.sensing.sensor import Sweep
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.state_tables import object_beliefs, patch_beliefs
-from dynmap_cli.localization.states import place_sweep, state_evidence, update_belief
 
 FRAME = GridFrame(0.05, -1.0, -1.0, 80, 80)
 LEFT, RIGHT = (slice(30, 34), slice(20, 28)), (slice(30, 34), slice(45, 53))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dynmap_cli.localization.particle_filter import Particles, estimate_pose
+from dynmap_cli.localization.particles.particle_filter import Particles, estimate_pose
 from dynmap_cli.localization.pose_rows import cluster_covariance, pose_row
 
 

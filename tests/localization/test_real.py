@@ -6,7 +6,7 @@ import pytest
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
 

@@ -8,15 +8,15 @@ import pytest
 from scipy.optimize import least_squares
 
 from dynmap_cli.domain.poses import between, compose
+from dynmap_cli.localization.afterwards.pose_chain import Link, likeliest_chain
+from dynmap_cli.localization.afterwards.smoothed_states import smooth_states
+from dynmap_cli.localization.afterwards.smoothing import smooth
+from dynmap_cli.localization.beliefs.states import update_belief
+from dynmap_cli.localization.beliefs.transitions import predict_belief
 from dynmap_cli.localization.found import StateRow
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.pose_chain import Link, likeliest_chain
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.smoothed_states import smooth_states
-from dynmap_cli.localization.smoothing import smooth
-from dynmap_cli.localization.states import update_belief
 from dynmap_cli.localization.tracking import localize_log
-from dynmap_cli.localization.transitions import predict_belief
 from tests.localization.worlds import office, patch_sets_of, pose_errors, simulated
 
 

@@ -7,7 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynmap_cli.kernels.particles import places_on_curve, spread_normals
-from dynmap_cli.localization.spread_noise import hilbert_curve, lattice_steps, normal_quantiles, spread_noise
+from dynmap_cli.localization.particles.spread_noise import (
+    hilbert_curve,
+    lattice_steps,
+    normal_quantiles,
+    spread_noise,
+)
 from tests.reference.localization import plain_places_on_curve, plain_spread_normals
 
 

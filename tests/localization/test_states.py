@@ -10,14 +10,14 @@ from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.beliefs.states import entropy_bits, place_sweep, state_evidence, update_belief
+from dynmap_cli.localization.beliefs.transitions import predict_belief
+from dynmap_cli.localization.beliefs.world import World
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.sensor import Sweep, pose_ends, scan_log_likelihoods, sweep_of, temper
+from dynmap_cli.localization.sensing.surfaces import FROM_ALL_SIDES, surface_codes
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.states import entropy_bits, place_sweep, state_evidence, update_belief
-from dynmap_cli.localization.surfaces import FROM_ALL_SIDES, surface_codes
 from dynmap_cli.localization.tracking import localize_log
-from dynmap_cli.localization.transitions import predict_belief
-from dynmap_cli.localization.world import World
 from tests.reference.localization import exact_state_posterior
 
 RESOLUTION_M = 0.1

@@ -8,11 +8,11 @@ import pytest
 from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.errors import ArtifactError, LogError
-from dynmap_cli.localization.beam_model import with_beam_model
-from dynmap_cli.localization.health import LOST
-from dynmap_cli.localization.map_pool import make_map_pool
+from dynmap_cli.localization.sensing.beam_model import with_beam_model
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
+from dynmap_cli.localization.watching.health import LOST
 from tests.localization.worlds import office, patch_sets_of, pose_errors, simulated
 
 

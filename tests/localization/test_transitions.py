@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.localization.transitions import (
+from dynmap_cli.localization.beliefs.transitions import (
     change_rate,
     look_back,
     nearest_submaps,

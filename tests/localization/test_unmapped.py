@@ -9,15 +9,15 @@ import pytest
 from dynmap_cli.domain.grid import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.domain.scans import single_laser_log
-from dynmap_cli.localization import unmapped
-from dynmap_cli.localization.health import ScanHealth
-from dynmap_cli.localization.laser_odometry import LaserOdometry
-from dynmap_cli.localization.map_pool import make_map_pool
-from dynmap_cli.localization.motion import Motion, motion_sigmas
+from dynmap_cli.localization.afterwards.smoothing import smooth
+from dynmap_cli.localization.particles.motion import Motion, motion_sigmas
+from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.smoothing import smooth
 from dynmap_cli.localization.tracking import localize_log
-from dynmap_cli.localization.unmapped import EDGE_M, SETTLED_AFTER, STAYS, Unmapped, near_edges
+from dynmap_cli.localization.watching import unmapped
+from dynmap_cli.localization.watching.health import ScanHealth
+from dynmap_cli.localization.watching.laser_odometry import LaserOdometry
+from dynmap_cli.localization.watching.unmapped import EDGE_M, SETTLED_AFTER, STAYS, Unmapped, near_edges
 from dynmap_cli.simulation.run import simulate
 from dynmap_cli.simulation.scenario import parse_scenario
 from tests.localization.worlds import pose_errors

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dynmap_cli.localization.sensing.weighing import LEAST_EFFECTIVE, Weighing
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.weighing import LEAST_EFFECTIVE, Weighing
 
 
 def weighing(sensor):

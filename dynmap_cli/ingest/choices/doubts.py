@@ -1,0 +1,205 @@
+"""What in the times, sizes and poses of a recording cannot be right: dropped with a count, or said with numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.domain.mapped import give_back
+from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.choices.merging import Columns
+from dynmap_cli.ingest.choices.track_quality import jumps_m
+from dynmap_cli.ingest.raw.columns import blocks_of, picked
+from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name
+
+_LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
+_LEAST_ON_CLOCK = 10
+_MOST_BEAMS = 8
+_LEAST_BEAMS = 3
+"""A pose has three unknowns, and a beam tells one."""
+_ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
+_CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
+
+
+def drop_impossible(recording: RawRecording) -> None:
+    """Drop sweeps that lie more than a week from most others, or have over eight times the beams of the middle one.
+
+    Such a stamp or count comes from a clock that was set, or from a damaged message; one of them would stretch
+    everything that is laid out over time or beams.
+    """
+    if not recording.lasers:
+        return
+    lasers = list(recording.lasers.values())
+    groups = _clocks_of(np.concatenate([laser.stamps_ns for laser in lasers]))
+    largest = max(range(len(groups)), key=lambda number: (groups[number].size, number))
+    middle_ns = int(np.median(groups[largest]))
+    _note_clocks(groups, largest, recording)
+    for laser in lasers:
+        is_near = np.abs(laser.stamps_ns - middle_ns) <= _LONGEST_DRIVE_NS
+        if not is_near.all():
+            recording.dropped[
+                f"scan on {laser.name} stamped more than a week from the others, as after a clock was set"
+            ] += int(np.count_nonzero(~is_near))
+            laser.keep(is_near)
+        if laser.n_scans == 0:
+            del recording.lasers[laser.name]
+            continue
+        n_beams = laser.n_beams
+        usual = int(np.median(n_beams))
+        is_usual = n_beams <= _MOST_BEAMS * usual
+        if not is_usual.all():
+            recording.dropped[
+                f"scan on {laser.name} with over {_MOST_BEAMS} times the usual {usual} beams"
+            ] += int(np.count_nonzero(~is_usual))
+            laser.keep(is_usual)
+        _note_beam_intervals(recording, laser.name)
+
+
+def _clocks_of(stamps_ns: I64) -> list[I64]:
+    """Stamps (n,) in order, parted where nothing is stamped for more than a week."""
+    ordered = np.sort(stamps_ns)
+    return np.split(ordered, np.flatnonzero(np.diff(ordered) > _LONGEST_DRIVE_NS) + 1)
+
+
+def _note_clocks(groups: Sequence[I64], used: int, recording: RawRecording) -> None:
+    """Say which parts of a recording are on which clock, where one that is not used is more than a few odd stamps."""
+    if all(group.size < _LEAST_ON_CLOCK for number, group in enumerate(groups) if number != used):
+        return
+    began = [f"{datetime.fromtimestamp(int(group[0]) // 10**9, UTC):%Y-%m-%d %H:%M:%S}" for group in groups]
+    parts = [
+        f"{group.size} scans from {when} UTC on"
+        for group, when in zip(groups, began, strict=True)
+        if group.size >= _LEAST_ON_CLOCK
+    ]
+    recording.warnings.append(
+        f"{file_name(recording.name)}: the clock was set while it was made: it holds {' and '.join(parts)}, of which "
+        f"those from {began[used]} on are used. Split the recording there to use the others"
+    )
+
+
+def note_damaged_pack(recording: RawRecording, why: str) -> None:
+    """Say that what was read is only what could be unpacked of a damaged file."""
+    stamps_ns = [one for laser in recording.lasers.values() for one in laser.stamps_ns]
+    span_s = (max(stamps_ns) - min(stamps_ns)) * 1e-9 if stamps_ns else 0.0
+    recording.damage.append(why)
+    recording.warnings.append(
+        f"{file_name(recording.name)}: {why}; recovered {recording.n_read} messages of this {recording.kind}, "
+        f"up to t = {span_s:.1f} s"
+    )
+
+
+def _note_beam_intervals(recording: RawRecording, name: str) -> None:
+    """Say where the time between beams is no duration."""
+    intervals_s = recording.lasers[name].beam_interval_s
+    broken = int(np.count_nonzero(np.isnan(intervals_s)))
+    if broken:
+        recording.warnings.append(
+            f"{name}: {broken} of {len(intervals_s)} scans have a time_increment that is negative, not a number or "
+            "over a minute per sweep; it is taken from the others, or as 0"
+        )
+
+
+def note_stamps(lasers: Sequence[RawLaser], recording: RawRecording) -> None:
+    """Say how far stamps go back, and how long nothing was recorded: both happen when a clock is set."""
+    for laser in lasers:
+        stamps_ns = laser.stamps_ns
+        back_s = -float(np.diff(stamps_ns).min(initial=0)) * 1e-9
+        pause_s = float(np.diff(np.sort(stamps_ns)).max(initial=0)) * 1e-9
+        if back_s > _CLOCK_SET_S:
+            recording.warnings.append(
+                f"{laser.name}: from one scan to the next the stamps go back by up to {back_s:.1f} s, as where a clock "
+                "was set; scans are in the order of their stamps. Split the recording there"
+            )
+        if pause_s > _LONG_PAUSE_S:
+            recording.warnings.append(f"{laser.name}: no scans for up to {pause_s:.1f} s")
+
+
+def note_few_beams(lasers: Sequence[RawLaser], recording: RawRecording, *, has_odometry: bool) -> None:
+    """Say how many sweeps have fewer beams than a pose has unknowns.
+
+    Raises
+    ------
+    LogError
+        If these are all sweeps, and without odometry nothing says where the robot was.
+    """
+    few = {laser.name: int(np.count_nonzero(laser.n_beams < _LEAST_BEAMS)) for laser in lasers}
+    n_scans = sum(laser.n_scans for laser in lasers)
+    if not has_odometry and sum(few.values()) == n_scans:
+        msg = (
+            f"{recording.name}: each of the {n_scans} scans has fewer than {_LEAST_BEAMS} beams, too few to find a "
+            "pose from, and there is no odometry. Pass a recording with odometry, or of a laser that sweeps."
+        )
+        raise LogError(msg)
+    for laser in lasers:
+        if few[laser.name]:
+            recording.warnings.append(
+                f"{laser.name}: {few[laser.name]} of {laser.n_scans} scans have fewer than {_LEAST_BEAMS} beams, too "
+                f"few to find a pose from; {'odometry' if has_odometry else 'the other scans'} alone can say "
+                "where the robot was"
+            )
+
+
+def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:
+    """Say how many sweeps share their stamp with another one of the same laser, for they are not copies of it."""
+    is_same = np.diff(columns.stamps_ns) == 0
+    is_same &= np.diff(columns.laser) == 0
+    shared = int(np.count_nonzero(is_same))
+    if shared:
+        recording.warnings.append(f"{shared} scans have the stamp of the scan before but other ranges")
+
+
+def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None:
+    """Say where the odometry jumps farther than anything drives."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    found_m = jumps_m(picked(columns.stamps_ns, known), picked(poses, known))
+    if found_m.size:
+        often = "once" if found_m.size == 1 else f"{found_m.size} times"
+        recording.warnings.append(
+            f"the odometry jumps {often} between one scan and the next, by up to {found_m.max():.1f} m: "
+            "it was reset or is damaged; pass --odom to choose another, or none"
+        )
+
+
+def note_track(recording: RawRecording, source: str) -> None:
+    """Say what is wrong with the stamps of an odometry that comes in messages or lines of its own."""
+    track = recording.odometry.get(source)
+    if track is None or source in recording.lasers:
+        return
+    steps_ns = np.diff(track.stamps_ns)
+    backward, repeated = int(np.count_nonzero(steps_ns < 0)), int(np.count_nonzero(steps_ns == 0))
+    if backward or repeated:
+        recording.warnings.append(
+            f"odometry {source}: of {steps_ns.size + 1} poses {backward} were stamped before their predecessor and "
+            f"{repeated} like it; they were sorted, and of equal stamps the first pose counts"
+        )
+
+
+def stamps_jump(columns: Columns, out_of_order: int, recording: RawRecording) -> bool:
+    """Whether consecutive sweeps are clearly more alike in the order of recording than along their stamps; says so."""
+    if not out_of_order or len(columns.geometries) > 1:
+        return False
+    recorded = np.argsort(columns.reading_index, kind="stable")
+    along_stamps = _mean_change_m(columns.ranges_m, np.arange(recorded.size))
+    as_recorded = _mean_change_m(columns.ranges_m, recorded)
+    jump = along_stamps > _ZIGZAG * as_recorded
+    if jump:
+        recording.warnings.append(
+            f"from scan to scan the ranges change by {along_stamps:.3f} m along the stamps but by {as_recorded:.3f} m "
+            "in the order of recording: some stamps are wrong by more than a scan; the order of recording is followed"
+        )
+    return jump
+
+
+def _mean_change_m(ranges_m: F32, order: I64) -> float:
+    """Mean over the scans, in an order (n,), of the median change of a beam since the scan before."""
+    changes_m = []
+    for rows in blocks_of(ranges_m):
+        block = ranges_m[order[rows.start : rows.stop + 1]]
+        clipped = np.minimum(np.nan_to_num(block, nan=_ALIKE_RANGE_M), _ALIKE_RANGE_M)
+        changes_m.append(np.median(np.abs(np.diff(clipped, axis=0)), axis=1))
+        give_back(ranges_m)
+    return float(np.concatenate(changes_m).mean())

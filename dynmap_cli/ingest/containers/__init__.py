@@ -1,0 +1,1 @@
+"""Containers: files, archives and bags, whole or damaged -> messages as they lie in them."""

@@ -1,0 +1,386 @@
+"""ROS 1 and ROS 2 bags through rosbags: the one module that knows this library, whose minor versions differ."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1 import reader as rosbag1_reader
+from rosbags.rosbag2 import storage_mcap, storage_sqlite3
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks, is_orderly
+from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
+from dynmap_cli.ingest.containers.db3_blocks import count_orphans, db3_blocks
+from dynmap_cli.ingest.containers.mcap_chunks import are_orderly, ordered_messages
+from dynmap_cli.ingest.containers.mcap_records import (
+    BROKEN_SUMMARY,
+    SummaryState,
+    mcap_bytes_behind,
+    summary_state,
+)
+from dynmap_cli.ingest.containers.unpacking import unpack_whole, unpacked_message
+from dynmap_cli.ingest.messages import protobuf
+from dynmap_cli.ingest.messages.batches import Batches
+from dynmap_cli.ingest.messages.blocks import Block, blocks_of_rows
+from dynmap_cli.ingest.messages.definitions import check_definitions, check_size, is_usual
+from dynmap_cli.ingest.messages.foxglove import DEFINITIONS, as_ros, decode_json
+from dynmap_cli.ingest.messages.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.messages.layouts import has_layout, layout_of
+from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
+from dynmap_cli.ingest.messages.stored import Channel, nameless_topics, words_of, words_of_rest
+from dynmap_cli.ingest.raw.recording import RawRecording, Topic
+from dynmap_cli.ingest.space import Space
+from dynmap_cli.printable import printable
+
+_log = logging.getLogger(__name__)
+_ROS2_DEFAULT = Stores.ROS2_HUMBLE
+_ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
+_NO_TOPICS = "its metadata.yaml names no topic"
+_NOT_ROS2_PROFILE = "Profile is not ros2"
+
+
+def _bound_blocks() -> None:
+    """Let the library unpack no block of messages to more than is sane: 45 bytes of bzip2 can hold 45 MB."""
+    for how in ("bz2", "lz4"):
+        rosbag1_reader.decompressors[how] = functools.partial(unpack_whole, compression=how)
+    for how in ("lz4", "zstd"):
+        storage_mcap.DECOMPRESSORS[how] = functools.partial(_unpack_sized, how)
+
+
+def _unpack_sized(how: str, data: bytes, _n_bytes: int) -> bytes:
+    return unpack_whole(data, how)
+
+
+_bound_blocks()
+
+
+class UnreadableBagError(Exception):
+    """A bag that rosbags refuses.
+
+    Attributes
+    ----------
+    why : str
+        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
+    """
+
+    def __init__(self, why: str) -> None:
+        super().__init__(why)
+        self.why = why
+
+
+class _UsedTypes:
+    """A reader that hides definitions of types that are not used: for one that is odd the library refuses the bag."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner = inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def __enter__(self) -> Self:
+        self._inner.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._inner.close()
+
+    @property
+    def connections(self) -> list[Any]:
+        """Those of types that are used as they are, for they are known by their identity."""
+        hidden = MessageDefinition(MessageDefinitionFormat.NONE, "")
+        found = []
+        for one in self._inner.connections:
+            is_used = one.msgtype in USED_TYPES
+            if is_used:
+                check_size(one.msgtype, one.msgdef.data)
+            found.append(one if is_used else one._replace(msgdef=hidden))
+        return found
+
+
+def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
+    """Read the laser scans, odometry and transforms of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        A ROS 1 bag, a ROS 2 folder with metadata.yaml, or a lone .db3 or .mcap file.
+    name, kind : str
+        For messages: what the operator called it, and what it is.
+    space : Space
+        On which disk ranges lie that do not fit into memory.
+
+    Raises
+    ------
+    ArtifactError
+        If the disk is too full.
+    UnreadableBagError
+        If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
+    """
+    with _open(path) as reader:
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in reader.connections:
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        topics = [
+            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
+        ]
+        recording = RawRecording(name, kind, topics, folder=space.folder)
+        count_orphans(_tables_of(reader), recording)
+        _take_all(reader, recording, space)
+        end_of_messages(recording)
+    recording.give_back()
+    return recording
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[AnyReader]:
+    """Open a bag; whatever the library raises then becomes one error."""
+    reader = None
+    try:
+        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
+            if file.suffix == ".mcap":
+                _check_summary(file)
+        reader = AnyReader([path], default_typestore=_ros2_types())
+        inside: Any = [_UsedTypes(inner) for inner in reader.readers]
+        reader.readers = inside
+        reader.open()
+        for inner in reader.readers:
+            check_index(inner)
+        if path.is_dir() and not reader.connections:
+            raise UnreadableBagError(_NO_TOPICS)
+        for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
+            raise UnreadableBagError(why)
+        used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
+        check_definitions(reader.typestore, _standard(reader), used)
+    except UnreadableBagError:
+        _close(reader)
+        raise
+    except Exception as err:
+        _close(reader)
+        why = _ABOUT_FILE.sub("", words_of(err))
+        raise UnreadableBagError("" if _NOT_ROS2_PROFILE in why else why) from err
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def _close(reader: AnyReader | None) -> None:
+    """Close a reader that may not be open, or not wholly."""
+    for inner in () if reader is None else reader.readers:
+        with suppress(Exception):
+            inner.close()
+
+
+def _check_summary(file: Path) -> None:
+    """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
+    state = summary_state(file)
+    if state is SummaryState.BROKEN:
+        raise UnreadableBagError(BROKEN_SUMMARY)
+    n_behind = mcap_bytes_behind(file) if state is SummaryState.UNKNOWN else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
+
+
+def check_index(reader: Any) -> None:
+    """Refuse a ROS 1 bag that goes on behind its index, or whose index leaves out messages that its chunks hold."""
+    chunks = getattr(reader, "chunk_infos", [])
+    stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
+    indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
+    if chunks and stated != indexed:
+        msg = f"its index has {indexed} messages, its chunks {stated}"
+        raise UnreadableBagError(msg)
+    n_behind = bag1_bytes_behind(reader.path) if chunks else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
+
+
+def _expected(
+    reader: AnyReader, usual: set[str], numbers: Mapping[int, int], block: Block
+) -> tuple[int, int]:
+    """How many sweeps there are, and how many bytes their ranges are if all are as long as the first of a topic.
+
+    Parameters
+    ----------
+    reader : AnyReader
+    usual : set of str
+        Message types that are defined as usual.
+    numbers : dict of int to int
+        Numbers of channels by the identity of their connection.
+    block : Block
+        The first messages; what is not among them is looked for.
+    """
+    n_scans, n_bytes = 0, 0
+    for connection in reader.connections:
+        if connection.msgtype not in LASER_TYPES:
+            continue
+        try:
+            rows = np.flatnonzero(block.channels == numbers[id(connection)])
+            if rows.size:
+                data = block.data_of(int(rows[0]))
+            else:
+                *_, data = next(reader.messages(connections=[connection]))
+            n_beams = _n_beams_of(reader, connection.msgtype, data, is_usual=connection.msgtype in usual)
+        except Exception as err:
+            # None, or damaged: the same is found when all are read.
+            _log.debug("%s: %s", connection.topic, words_of(err))
+            continue
+        n_scans += connection.msgcount
+        n_bytes += 4 * connection.msgcount * n_beams
+    return n_scans, n_bytes
+
+
+def _n_beams_of(reader: AnyReader, kind: str, data: bytes, *, is_usual: bool) -> int:
+    """How many ranges a scan has; the library is only asked where fields do not lie as usual, for it has to learn."""
+    if is_usual and has_layout(kind):
+        with suppress(ValueError):
+            return layout_of(data, kind, is_cdr=reader.is2).parts[0].n_beams
+    scan: Any = reader.deserialize(data, kind)
+    return len(scan.ranges)
+
+
+def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
+    """Take the messages of the types that are used, in the order of their recording."""
+    wanted = [connection for connection in reader.connections if connection.msgtype in USED_TYPES]
+    if not wanted:
+        return
+
+    def decode(topic: str, message_type: str, logged_ns: int, data: bytes) -> list[Message]:
+        try:
+            content: Any = reader.deserialize(unpacked_message(data) if reader.is2 else data, message_type)
+            return as_ros(Message(topic, message_type, logged_ns, content))
+        except Exception as err:
+            decoding_failed(recording, topic, err)
+            return []
+
+    kinds = {connection.msgtype for connection in wanted}
+    usual = {kind for kind in kinds if is_usual(reader.typestore, _standard(reader), kind)}
+    batches = Batches(recording, decode, usual, is_cdr=reader.is2)
+    numbers = {
+        id(connection): batches.number_of(printable(connection.topic), connection.msgtype)
+        for connection in wanted
+    }
+    blocks = _from_storage(reader, wanted, numbers) or _from_reader(reader, wanted, numbers)
+    found = 0
+    while True:
+        try:
+            block = next(blocks)
+        except StopIteration:
+            break
+        except Exception as err:
+            raise UnreadableBagError(words_of(err)) from err
+        if found == 0:
+            space.reserve(recording.name, *_expected(reader, usual, numbers, block))
+        found += block.starts.size
+        batches.add(block)
+    batches.finish()
+    stated = sum(connection.msgcount for connection in wanted)
+    if found != stated:
+        msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
+        raise UnreadableBagError(msg)
+
+
+def _files_of(inner: Any) -> list[Any]:
+    """What reads each file of a ROS 2 bag; none of a ROS 1 bag."""
+    outer = getattr(inner, "storage", None)
+    return [] if outer is None else getattr(outer, "storages", [outer])
+
+
+def _tables_of(reader: AnyReader) -> list[Any]:
+    """What reads each .db3 file."""
+    files = [file for inner in reader.readers for file in _files_of(inner)]
+    return [file for file in files if isinstance(file, storage_sqlite3.Sqlite3Reader)]
+
+
+def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
+    """Messages as rosbags gives them, many at a time; numbers of channels by the identity of their connection."""
+    (inner,) = reader.readers
+    messages = inner.messages(connections=wanted)
+    return blocks_of_rows(
+        (numbers[id(connection)], logged_ns, data) for connection, logged_ns, data in messages
+    )
+
+
+def _from_storage(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block] | None:
+    """The same from chunks of bags and MCAP files, or rows of .db3 files; None where they have to come one by one."""
+    if len(reader.readers) != 1:
+        return None
+    (inner,) = reader.readers
+    if not reader.is2:
+        by_id = {connection.id: numbers[id(connection)] for connection in wanted}
+        return bag1_blocks(inner, wanted, by_id) if is_orderly(inner, wanted) else None
+    outer: Any = getattr(inner, "storage", None)
+    if outer is None or outer.metadata.compression_mode == "message":
+        return None
+    storages = _files_of(inner)
+    kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
+    if all(isinstance(storage, storage_sqlite3.Sqlite3Reader) for storage in storages):
+        return _from_files(storages, kinds, db3_blocks)
+    if all(
+        isinstance(storage, storage_mcap.McapReader) and are_orderly(storage.chunks) for storage in storages
+    ):
+        return _from_files(storages, kinds, ordered_messages)
+    return None
+
+
+def _from_files(
+    storages: list[Any],
+    kinds: Mapping[tuple[str, str], int],
+    blocks_of: Callable[[Any, Mapping[int, int]], Iterator[Block]],
+) -> Iterator[Block]:
+    """Messages of some topics and types from the files of a bag, one after the other."""
+    for storage in storages:
+        channels = {
+            connection.id: kinds[connection.topic, connection.msgtype]
+            for connection in storage.connections
+            if (connection.topic, connection.msgtype) in kinds
+        }
+        yield from blocks_of(storage, channels)
+
+
+def _standard(reader: AnyReader) -> Typestore:
+    """Message types as they should be in a bag."""
+    return _ros2_types() if reader.is2 else _ros1_types()
+
+
+@functools.cache
+def _ros2_types() -> Typestore:
+    """Message types for bags that do not define theirs."""
+    return _with_foxglove(get_typestore(_ROS2_DEFAULT))
+
+
+@functools.cache
+def _ros1_types() -> Typestore:
+    """The same for ROS 1."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    for kind in TRANSFORM_TYPES:
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
+    return _with_foxglove(store)
+
+
+def _with_foxglove(store: Typestore) -> Typestore:
+    """Add the types of Foxglove."""
+    for kind, definition in DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, kind))
+    return store
+
+
+def decode_message(channel: Channel, data: bytes) -> Any:
+    """Take a message apart by the encoding of its channel, one of `READ_TYPES`; for readers of other containers."""
+    if channel.message_encoding == "json":
+        return decode_json(data)
+    if channel.message_encoding == "protobuf":
+        return protobuf.decode(data, channel.schema_data, channel.schema_name)
+    if channel.message_encoding == "ros1":
+        return _ros1_types().deserialize_ros1(data, channel.message_type)
+    return _ros2_types().deserialize_cdr(unpacked_message(data), channel.message_type)

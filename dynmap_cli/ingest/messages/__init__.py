@@ -1,0 +1,1 @@
+"""Messages of ROS and Foxglove, one by one or many at a time -> raw recording."""

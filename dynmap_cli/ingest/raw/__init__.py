@@ -1,0 +1,1 @@
+"""What a recording holds before anything is decided."""

@@ -1,0 +1,1 @@
+"""Text logs of CARMEN and Wean Hall -> raw recording."""

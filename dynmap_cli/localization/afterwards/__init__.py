@@ -1,0 +1,1 @@
+"""Poses and states once the whole recording is known."""

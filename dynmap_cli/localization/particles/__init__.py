@@ -1,0 +1,1 @@
+"""Particles: how they move, are weighed and drawn again, and the states they carry."""

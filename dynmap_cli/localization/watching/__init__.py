@@ -1,0 +1,1 @@
+"""Whether the filter is right: lost, changed surroundings, rooms that were never mapped."""
