@@ -257,7 +257,8 @@ def _sentence(course: Course, patch_map: Course) -> str:
     words = []
     if np.isfinite(numbers["pose_error_mean_m"]):
         mean, most = numbers["pose_error_mean_m"], numbers["pose_error_p95_m"]
-        words.append(f"error {mean:.3f} m (95 % below {most:.3f} m)")
+        words.append(f"error of the pose {mean:.3f} m (95 % below {most:.3f} m)")
+        words.append(f"of the particles {numbers['particle_error_mean_m']:.3f} m")
     words.append(f"spread {numbers['spread_mean_m']:.3f} m")
     words.append(f"log-likelihood per beam {numbers['log_likelihood_per_beam_mean']:.2f}")
     words.append(f"lost {100 * numbers['lost_share']:.0f} %")

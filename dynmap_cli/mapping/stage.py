@@ -64,7 +64,7 @@ def run(context: StageContext) -> dict[str, Any]:
         write_map(out, f"round_{number}", result.rounds[number - 1].occupancy)
     if result.graph is not None:
         write_graph(out, log, result.graph)
-    return _summary(log, result, with_looks=settings.look_s > 0.0)
+    return _summary(log, result)
 
 
 def _write_rounds(path: Path, rounds: tuple[Round, ...]) -> None:
@@ -85,7 +85,7 @@ def _path_length_m(log: ScanLog, poses: F64) -> float:
     return float(steps[np.diff(log.drive_index[order]) == 0].sum())
 
 
-def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, Any]:
+def _summary(log: ScanLog, result: FilterMap) -> dict[str, Any]:
     """What was found, as numbers and as sentences."""
     filtered = result.filtered
     frame = filtered.counting_map.frame
@@ -104,8 +104,7 @@ def _summary(log: ScanLog, result: FilterMap, *, with_looks: bool) -> dict[str, 
     lines = [
         f"{log.n_scans} scans along {summary['path_m']:.1f} m{in_drives}, map of "
         f"{summary['size_m'][0]:.1f} m x {summary['size_m'][1]:.1f} m",
-        f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves"
-        + (", with those that the looks found" if with_looks else ""),
+        f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves",
     ]
     if filtered.unknown_share > 0.0:
         lines.append(
