@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TypeAlias
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from dynmap_cli.domain.grid import CountingMap, GridFrame, mark_around
 from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.beams import cut_at_walls, find_end_cells
+from dynmap_cli.kernels.beams import PlacedScans, cut_at_walls, find_end_cells
 from dynmap_cli.kernels.counts import (
     DYNAMIC,
     FIXED_ONE,
@@ -32,7 +31,6 @@ from dynmap_cli.kernels.counts import (
     sum_along_y,
 )
 
-Scans: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, F64, F64, float, float, float]
 SCANS_PER_CHUNK = 1024
 _LEAST_PER_THREAD = 100
 N_BANDS = 8
@@ -142,18 +140,17 @@ class Counter:
         """
         rays, frame = rays_of(log, usable_range_m), self.frame
         for part, scans in _chunks(log, rays, poses, frame, twists):
-            ranges = scans[0]
+            ranges = scans.ranges_m
             is_silent = ranges == np.inf
             if only_returns:
                 ranges[is_silent] = np.nan
             elif walls is not None and is_silent.any():
                 reach = np.empty_like(ranges)
-                cut_at_walls(*scans, walls, reach)
+                cut_at_walls(scans, walls, reach)
                 np.copyto(ranges, reach, where=is_silent)
             self._n_hit = count_scans(
-                ranges,
+                scans,
                 np.ones_like(ranges) if weights is None else np.array(weights[part], dtype=np.float32),
-                *scans[1:],
                 *frame.shape,
                 sign,
                 self._ends,
@@ -222,14 +219,14 @@ def _scaled(lengths: I64) -> F64:
 
 def _chunks(
     log: ScanLog, rays: Rays, poses: F64, frame: GridFrame, twists: F64 | None, within: slice | None = None
-) -> Iterator[tuple[slice, Scans]]:
+) -> Iterator[tuple[slice, PlacedScans]]:
     """Some scans at a time, as rows of the log and as what the kernels want to know of them."""
     begin, end = (within.start, within.stop) if within else (0, log.n_scans)
     for first in range(begin, end, SCANS_PER_CHUNK):
         part = slice(first, min(first + SCANS_PER_CHUNK, end))
         yield (
             part,
-            (
+            PlacedScans(
                 copied_rows(log.ranges_m, part),
                 np.array(log.geometry_index[part]),
                 rays.directions,
@@ -371,7 +368,7 @@ def end_cells_in_chunks(
     scans: slice | None = None,
 ) -> Iterator[tuple[slice, I32]]:
     """Rows of some scans at a time, of all or of *scans*, and what `end_cells` has for them."""
-    for part, beams in _chunks(log, rays_of(log, usable_range_m), poses, frame, twists, scans):
-        cells = np.empty(beams[0].shape, dtype=np.int32)
-        find_end_cells(*beams, *frame.shape, cells)
+    for part, placed in _chunks(log, rays_of(log, usable_range_m), poses, frame, twists, scans):
+        cells = np.empty(placed.ranges_m.shape, dtype=np.int32)
+        find_end_cells(placed, *frame.shape, cells)
         yield part, cells

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TypeAlias
 
 import numpy as np
 from scipy import ndimage
 
-from dynmap_cli.arrays import B1, F32, F64, I8, I32, I64
+from dynmap_cli.arrays import B1, F64, I8, I32, I64
 from dynmap_cli.counting.counts import SCANS_PER_CHUNK, rays_of, twists_of
 from dynmap_cli.domain.grid import UNKNOWN, GridFrame, mark_around
 from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.beams import PlacedScans
 from dynmap_cli.kernels.regions import MOST_HITS, add_evidence, add_hit_moments, judge_cells, surface_normals
 
-Beams: TypeAlias = tuple[F32, I32, F64, F64, F64, F64, F64, F64, float, float, float]
 _NORMAL_RADIUS_M, _MAX_SPREAD_RATIO = 0.15, 0.3
 
 
@@ -108,8 +107,8 @@ def surface_cells(
     moments = np.zeros((numbers.size + 1, 3))
     window_counts, n_hit = np.zeros((numbers.size + 1, 3), dtype=np.int32), 0
     for number, window in enumerate(windows):
-        for beams in _chunks(log.select(window), poses[window], frame, params):
-            n_hit = add_hit_moments(*beams, *frame.shape, number, numbers, moments, window_counts, n_hit)
+        for scans in _chunks(log.select(window), poses[window], frame, params):
+            n_hit = add_hit_moments(scans, *frame.shape, number, numbers, moments, window_counts, n_hit)
     cells = _candidates(numbers, window_counts[: n_hit + 1, MOST_HITS] >= params.occupied_hits, params)
     normals = np.empty((cells.shape[0], 2))
     radius = _normal_radius(frame.resolution_m)
@@ -131,7 +130,7 @@ def _candidates(numbers: I32, has_many: B1, params: EvidenceParams) -> I64:
     return np.stack([row[is_near], col[is_near]], axis=-1)
 
 
-def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) -> Iterator[Beams]:
+def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) -> Iterator[PlacedScans]:
     """What the kernels want to know of the beams, some scans at a time."""
     rays = rays_of(log, params.max_range_m)
     twists = twists_of(log, poses)
@@ -144,7 +143,7 @@ def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) 
         ranges = copied_rows(log.ranges_m, part)
         if not params.silent_pass:
             ranges[ranges == np.inf] = np.nan
-        yield (
+        yield PlacedScans(
             ranges,
             np.array(log.geometry_index[part]),
             rays.directions,
@@ -192,9 +191,9 @@ class Evidence:
     def add(self, log: ScanLog, poses: F64) -> None:
         """Add scans with their poses map_from_robot, (n_scans, 3)."""
         sine = float(np.sin(self.params.min_crossing_rad))
-        for beams in _chunks(log, poses, self.surface.frame, self.params):
+        for scans in _chunks(log, poses, self.surface.frame, self.params):
             self._n_touched = add_evidence(
-                *beams,
+                scans,
                 self.surface.index.ravel(),
                 *self.surface.frame.shape,
                 self.surface.normals,

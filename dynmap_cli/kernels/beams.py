@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,41 +23,57 @@ def moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
     return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
 
 
-@kernel
-def place_beams(
-    ranges_m: F32,
-    directions: F64,
-    sensor_pose: F64,
-    usable_m: float,
-    beam_interval_s: float,
-    twist: F64,
-    pose: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    beams: F64,
-) -> None:
-    """Fill the table of one scan's beams; what says nothing has length 0 and is no hit.
+class PlacedScans(NamedTuple):
+    """Scans, and where in a grid they were taken; one argument of the kernels that draw or read a grid.
 
-    Parameters
+    Attributes
     ----------
-    ranges_m : (n_beams,) float32
+    ranges_m : (n_scans, n_beams) float32
         +inf = nothing within reach, negative = nothing up to this distance, NaN = says nothing.
-    directions : (n_beams, 2) float64
-        Unit vectors in the robot frame.
-    sensor_pose : (3,) float64
-    usable_m : float
+    geometry_index : (n_scans,) int32
+    directions : (n_geometries, n_beams, 2) float64
+        Unit vectors of the beams in the robot frame.
+    sensor_poses : (n_geometries, 3) float64
+        robot_from_sensor.
+    usable_m : (n_geometries,) float64
         Longer beams end nowhere and are cut here.
-    beam_interval_s : float
+    beam_interval_s : (n_geometries,) float64
         Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
-    twist : (3,) float64
-        Velocity of the robot during the scan, in its frame.
-    pose : (3,) float64
-        map_from_robot at the first beam made.
+    twists : (n_scans, 3) float64
+        Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
+    poses : (n_scans, 3) float64
+        map_from_robot at the first beam made; scans with NaN are left out.
     resolution_m, origin_x_m, origin_y_m : float
         Frame of the grid.
-    beams : (BEAM_ROWS, n_beams) float64
     """
+
+    ranges_m: F32
+    geometry_index: I32
+    directions: F64
+    sensor_poses: F64
+    usable_m: F64
+    beam_interval_s: F64
+    twists: F64
+    poses: F64
+    resolution_m: float
+    origin_x_m: float
+    origin_y_m: float
+
+
+@kernel
+def has_pose(scans: PlacedScans, scan: int) -> bool:
+    """Whether it is known where a scan was taken."""
+    return math.isfinite(scans.poses[scan, 0] + scans.poses[scan, 1] + scans.poses[scan, 2])
+
+
+@kernel
+def place_beams(scans: PlacedScans, scan: int, beams: F64) -> None:
+    """Fill the table (BEAM_ROWS, n_beams) of the beams of a scan; what says nothing has length 0 and is no hit."""
+    geometry, pose = scans.geometry_index[scan], scans.poses[scan]
+    ranges_m, directions = scans.ranges_m[scan], scans.directions[geometry]
+    sensor_pose, usable_m = scans.sensor_poses[geometry], scans.usable_m[geometry]
+    beam_interval_s, twist = scans.beam_interval_s[geometry], scans.twists[scan]
+    resolution_m, origin_x_m, origin_y_m = scans.resolution_m, scans.origin_x_m, scans.origin_y_m
     n_beams = ranges_m.shape[0]
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     sensor_x, sensor_y = sensor_pose[0], sensor_pose[1]
@@ -97,46 +114,18 @@ def cells_of_hits(beams: F64, rows: int, cols: int, out: I64) -> None:
 
 
 @kernel
-def find_end_cells(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    rows: int,
-    cols: int,
-    out: I32,
-) -> None:
+def find_end_cells(scans: PlacedScans, rows: int, cols: int, out: I32) -> None:
     """Write the flat index row * cols + col of the cell each beam ends in, -1 where it ends in none.
 
-    The arguments are those of `count_scans`; out is (n_scans, n_beams) int32.
+    *rows*, *cols* are those of the grid; *out* is (n_scans, n_beams) int32.
     """
-    beams = np.empty((BEAM_ROWS, ranges_m.shape[1]))
-    cells = np.empty(ranges_m.shape[1], dtype=np.int64)
-    for scan in range(ranges_m.shape[0]):
+    n_scans, n_beams = scans.ranges_m.shape
+    beams, cells = np.empty((BEAM_ROWS, n_beams)), np.empty(n_beams, dtype=np.int64)
+    for scan in range(n_scans):
         out[scan] = -1
-        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
+        if not has_pose(scans, scan):
             continue
-        geometry = geometry_index[scan]
-        place_beams(
-            ranges_m[scan],
-            directions[geometry],
-            sensor_poses[geometry],
-            usable_m[geometry],
-            beam_interval_s[geometry],
-            twists[scan],
-            poses[scan],
-            resolution_m,
-            origin_x_m,
-            origin_y_m,
-            beams,
-        )
+        place_beams(scans, scan, beams)
         cells_of_hits(beams, rows, cols, cells)
         for beam in range(cells.size):
             out[scan, beam] = cells[beam]
@@ -157,7 +146,7 @@ def widen_bounds(
     Parameters
     ----------
     ranges_m, geometry_index, directions, sensor_poses, usable_m, poses
-        As for `count_scans`.
+        As in `PlacedScans`.
     bounds : (4,) float64
         Least x and y, largest x and y, map frame, metres.
     """
@@ -179,54 +168,28 @@ def widen_bounds(
 
 
 @kernel
-def cut_at_walls(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    is_wall: U8,
-    out: F32,
-) -> None:
+def cut_at_walls(scans: PlacedScans, is_wall: U8, out: F32) -> None:
     """Write how far beams without return pass before they meet a wall that others see; NaN for all other beams.
 
     Parameters
     ----------
-    ranges_m ... origin_y_m
-        As for `count_scans`.
+    scans : PlacedScans
     is_wall : (rows, cols) uint8
         1 where a beam cannot have passed.
     out : (n_scans, n_beams) float32
         Minus the distance in metres.
     """
     rows, cols = is_wall.shape
-    beams = np.empty((BEAM_ROWS, ranges_m.shape[1]))
-    for scan in range(ranges_m.shape[0]):
+    n_scans, n_beams = scans.ranges_m.shape
+    beams = np.empty((BEAM_ROWS, n_beams))
+    for scan in range(n_scans):
         out[scan] = math.nan
-        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
+        if not has_pose(scans, scan):
             continue
-        geometry = geometry_index[scan]
-        place_beams(
-            ranges_m[scan],
-            directions[geometry],
-            sensor_poses[geometry],
-            usable_m[geometry],
-            beam_interval_s[geometry],
-            twists[scan],
-            poses[scan],
-            resolution_m,
-            origin_x_m,
-            origin_y_m,
-            beams,
-        )
-        for beam in range(ranges_m.shape[1]):
-            if not (ranges_m[scan, beam] > usable_m[geometry]):
+        place_beams(scans, scan, beams)
+        usable_m = scans.usable_m[scans.geometry_index[scan]]
+        for beam in range(n_beams):
+            if not (scans.ranges_m[scan, beam] > usable_m):
                 continue
             x0, y0 = beams[START_X, beam], beams[START_Y, beam]
             dx, dy, length = beams[STEP_X, beam], beams[STEP_Y, beam], beams[LENGTH, beam]
@@ -236,4 +199,4 @@ def cut_at_walls(
                 if 0 <= row < rows and 0 <= col < cols and is_wall[row, col]:
                     break
                 t += 0.7
-            out[scan, beam] = -max(min(t, length) - 1.0, 0.0) * resolution_m
+            out[scan, beam] = -max(min(t, length) - 1.0, 0.0) * scans.resolution_m

@@ -29,7 +29,9 @@ from dynmap_cli.kernels.beams import (
     START_Y,
     STEP_X,
     STEP_Y,
+    PlacedScans,
     cells_of_hits,
+    has_pose,
     place_beams,
 )
 from dynmap_cli.kernels.jit import kernel
@@ -47,18 +49,8 @@ _COLS_AT_ONCE = 16
 
 @kernel
 def count_scans(
-    ranges_m: F32,
+    scans: PlacedScans,
     weights: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
     rows: int,
     cols: int,
     sign: int,
@@ -77,24 +69,11 @@ def count_scans(
 
     Parameters
     ----------
-    ranges_m : (n_scans, n_beams) float32
-        +inf = nothing within reach, negative = nothing up to this distance, NaN = skipped.
+    scans : PlacedScans
     weights : (n_scans, n_beams) float32
         e of each beam; NaN counts as static.
-    geometry_index : (n_scans,) int32
-    directions : (n_geometries, n_beams, 2) float64
-        Unit vectors of the beams in the robot frame.
-    sensor_poses : (n_geometries, 3) float64
-    usable_m : (n_geometries,) float64
-    beam_interval_s : (n_geometries,) float64
-        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
-    twists : (n_scans, 3) float64
-        Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
-    poses : (n_scans, 3) float64
-        map_from_robot; rows with NaN are skipped.
-    resolution_m, origin_x_m, origin_y_m : float
     rows, cols : int
-        Frame of the grid.
+        Of the grid.
     sign : int
     ends, crossings : ((rows + 1) * (cols + 2) + (cols + 1) * (rows + 2),) int64
         Difference grids, see above.
@@ -111,27 +90,14 @@ def count_scans(
     int
         How many have one now.
     """
-    n_beams = ranges_m.shape[1]
+    n_scans, n_beams = scans.ranges_m.shape
     beams, runs = np.empty((BEAM_ROWS, n_beams)), np.empty((3, n_beams))
     entries, values = np.empty((8, n_beams), dtype=np.int64), np.empty((3, n_beams), dtype=np.int64)
     cells = np.empty(n_beams, dtype=np.int64)
-    for scan in range(ranges_m.shape[0]):
-        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + poses[scan, 2]):
+    for scan in range(n_scans):
+        if not has_pose(scans, scan):
             continue
-        geometry = geometry_index[scan]
-        place_beams(
-            ranges_m[scan],
-            directions[geometry],
-            sensor_poses[geometry],
-            usable_m[geometry],
-            beam_interval_s[geometry],
-            twists[scan],
-            poses[scan],
-            resolution_m,
-            origin_x_m,
-            origin_y_m,
-            beams,
-        )
+        place_beams(scans, scan, beams)
         cells_of_hits(beams, rows, cols, cells)
         _weigh_hits(beams, weights[scan], sign, values)
         _find_runs(beams, rows, cols, sign, runs, entries)

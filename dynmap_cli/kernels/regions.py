@@ -4,8 +4,21 @@ from __future__ import annotations
 
 import math
 
-from dynmap_cli.arrays import F32, F64, I8, I32, I64
-from dynmap_cli.kernels.beams import moved
+import numpy as np
+
+from dynmap_cli.arrays import F64, I8, I32, I64
+from dynmap_cli.kernels.beams import (
+    BEAM_ROWS,
+    IS_HIT,
+    LENGTH,
+    START_X,
+    START_Y,
+    STEP_X,
+    STEP_Y,
+    PlacedScans,
+    has_pose,
+    place_beams,
+)
 from dynmap_cli.kernels.jit import kernel
 
 HITS, OFFSET_X, OFFSET_Y = range(3)
@@ -16,17 +29,7 @@ LAST_WINDOW, WINDOW_HITS, MOST_HITS = range(3)
 
 @kernel
 def add_hit_moments(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
+    scans: PlacedScans,
     rows: int,
     cols: int,
     window: int,
@@ -39,24 +42,9 @@ def add_hit_moments(
 
     Parameters
     ----------
-    ranges_m : (n_scans, n_beams) float32
-        +inf = nothing within reach, NaN = no measurement.
-    geometry_index : (n_scans,) int32
-    directions : (n_geometries, n_beams, 2) float64
-        Unit vectors of the beams in the robot frame.
-    sensor_poses : (n_geometries, 3) float64
-        robot_from_sensor.
-    usable_m : (n_geometries,) float64
-        End points up to this range count.
-    beam_interval_s : (n_geometries,) float64
-        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
-    twists : (n_scans, 3) float64
-        Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
-    poses : (n_scans, 3) float64
-        map_from_robot; rows with NaN are skipped.
-    resolution_m, origin_x_m, origin_y_m : float
+    scans : PlacedScans
     rows, cols : int
-        Frame of the grid.
+        Of the grid.
     window : int
         Number of the window; one after the other, from 0.
     numbers : (rows, cols) int32
@@ -74,30 +62,17 @@ def add_hit_moments(
     int
         How many have one now.
     """
-    for scan in range(ranges_m.shape[0]):
-        geometry, yaw = geometry_index[scan], poses[scan, 2]
-        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + yaw):
+    n_scans, n_beams = scans.ranges_m.shape
+    beams = np.empty((BEAM_ROWS, n_beams))
+    for scan in range(n_scans):
+        if not has_pose(scans, scan):
             continue
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-        interval_s = beam_interval_s[geometry]
-        for beam in range(ranges_m.shape[1]):
-            distance = float(ranges_m[scan, beam])
-            if not distance <= usable_m[geometry]:
+        place_beams(scans, scan, beams)
+        for beam in range(n_beams):
+            if beams[IS_HIT, beam] == 0.0:
                 continue
-            if interval_s != 0.0:
-                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
-                turned = yaw + elapsed_s * twists[scan, 2]
-                cos, sin = math.cos(turned), math.sin(turned)
-                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-            length = distance / resolution_m
-            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
-            x = x0 + length * (cos * direction_x - sin * direction_y)
-            y = y0 + length * (sin * direction_x + cos * direction_y)
+            x = beams[START_X, beam] + beams[LENGTH, beam] * beams[STEP_X, beam]
+            y = beams[START_Y, beam] + beams[LENGTH, beam] * beams[STEP_Y, beam]
             if 0.0 <= x < cols and 0.0 <= y < rows:
                 col, row = int(x), int(y)
                 number = numbers[row, col]
@@ -172,17 +147,7 @@ def surface_normals(
 
 @kernel
 def add_evidence(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
-    twists: F64,
-    poses: F64,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
+    scans: PlacedScans,
     index: I32,
     rows: int,
     cols: int,
@@ -202,10 +167,7 @@ def add_evidence(
 
     Parameters
     ----------
-    ranges_m, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists, poses
-        As in `add_hit_moments`.
-    resolution_m, origin_x_m, origin_y_m
-        As in `add_hit_moments`.
+    scans : PlacedScans
     index : (rows * cols,) int32
         Number of each cell of interest, row by row; for the others -d, where d >= 1 is the distance (of rows or
         columns, whichever is more) to the nearest one of interest.
@@ -227,33 +189,20 @@ def add_evidence(
     int
         The new `n_touched`.
     """
-    beyond = beyond_m / resolution_m
-    for scan in range(ranges_m.shape[0]):
-        geometry, yaw = geometry_index[scan], poses[scan, 2]
-        if not math.isfinite(poses[scan, 0] + poses[scan, 1] + yaw):
+    beyond = beyond_m / scans.resolution_m
+    n_scans, n_beams = scans.ranges_m.shape
+    beams = np.empty((BEAM_ROWS, n_beams))
+    for scan in range(n_scans):
+        if not has_pose(scans, scan):
             continue
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        sensor_x, sensor_y = sensor_poses[geometry, 0], sensor_poses[geometry, 1]
-        x0 = (poses[scan, 0] + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-        y0 = (poses[scan, 1] + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-        interval_s = beam_interval_s[geometry]
-        for beam in range(ranges_m.shape[1]):
-            distance = float(ranges_m[scan, beam])
-            if math.isnan(distance):
+        place_beams(scans, scan, beams)
+        for beam in range(n_beams):
+            if math.isnan(scans.ranges_m[scan, beam]):
                 continue
-            if interval_s != 0.0:
-                elapsed_s = (beam if interval_s > 0.0 else beam - ranges_m.shape[1] + 1) * interval_s
-                robot_x, robot_y = moved(poses[scan], twists[scan], elapsed_s)
-                turned = yaw + elapsed_s * twists[scan, 2]
-                cos, sin = math.cos(turned), math.sin(turned)
-                x0 = (robot_x + cos * sensor_x - sin * sensor_y - origin_x_m) / resolution_m
-                y0 = (robot_y + sin * sensor_x + cos * sensor_y - origin_y_m) / resolution_m
-            direction_x, direction_y = directions[geometry, beam, 0], directions[geometry, beam, 1]
-            dx = cos * direction_x - sin * direction_y
-            dy = sin * direction_x + cos * direction_y
-            if distance <= usable_m[geometry]:
-                length = distance / resolution_m
-                x, y = x0 + length * dx, y0 + length * dy
+            x0, y0 = beams[START_X, beam], beams[START_Y, beam]
+            dx, dy, stop = beams[STEP_X, beam], beams[STEP_Y, beam], beams[LENGTH, beam]
+            if beams[IS_HIT, beam] > 0.0:
+                x, y = x0 + stop * dx, y0 + stop * dy
                 if 0.0 <= x < cols and 0.0 <= y < rows:
                     cell = index[int(y) * cols + int(x)]
                     if cell >= 0:
@@ -261,9 +210,7 @@ def add_evidence(
                             touched[n_touched] = cell
                             n_touched += 1
                         hits[cell] += 1.0
-                stop = length - beyond
-            else:
-                stop = usable_m[geometry] / resolution_m
+                stop -= beyond
             # The part [start, stop] of the beam that lies in the grid, in cells from the sensor.
             start = 0.0
             if dx != 0.0:
