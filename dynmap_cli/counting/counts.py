@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -16,7 +15,7 @@ from dynmap_cli.domain.grid import CountingMap, GridFrame, mark_around
 from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
 from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.kernels.beams import PlacedScans, cut_at_walls, find_end_cells
+from dynmap_cli.kernels.beams import PlacedScans, Rays, cut_at_walls, find_end_cells
 from dynmap_cli.kernels.counts import (
     DYNAMIC,
     FIXED_ONE,
@@ -37,34 +36,6 @@ N_BANDS = 8
 _BYTES_PER_CELL, _MOST_BYTES_AT_ONCE = 24, 1 << 29
 _WALL_REFLECTANCE = 0.5
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Rays:
-    """What the kernels need to know of the lasers.
-
-    Attributes
-    ----------
-    directions : (n_geometries, n_beams, 2) float64
-        Unit vectors of the beams in the robot frame.
-    sensor_poses : (n_geometries, 3) float64
-        robot_from_sensor.
-    usable_m : (n_geometries,) float64
-        Beams are used up to this range.
-    beam_interval_s : (n_geometries,) float64
-        Time from one beam to the next; negative = from the last beam to the first, 0 = not known.
-    """
-
-    directions: F64
-    sensor_poses: F64
-    usable_m: F64
-    beam_interval_s: F64
-
-    @property
-    def laser_index(self) -> I64:
-        """(n_geometries,) which laser a geometry belongs to: those at one place on the robot are one."""
-        _, laser = np.unique(self.sensor_poses, axis=0, return_inverse=True)
-        return laser.reshape(-1).astype(np.int64)
 
 
 def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
@@ -229,10 +200,7 @@ def _chunks(
             PlacedScans(
                 copied_rows(log.ranges_m, part),
                 np.array(log.geometry_index[part]),
-                rays.directions,
-                rays.sensor_poses,
-                rays.usable_m,
-                rays.beam_interval_s,
+                rays,
                 np.zeros((part.stop - first, 3)) if twists is None else np.array(twists[part]),
                 np.array(poses[part], dtype=np.float64),
                 frame.resolution_m,

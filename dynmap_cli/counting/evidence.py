@@ -146,10 +146,7 @@ def _chunks(log: ScanLog, poses: F64, frame: GridFrame, params: EvidenceParams) 
         yield PlacedScans(
             ranges,
             np.array(log.geometry_index[part]),
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            rays.beam_interval_s,
+            rays,
             twists[part],
             np.array(poses[part], dtype=np.float64),
             frame.resolution_m,

@@ -32,9 +32,7 @@ def frame_of_scans(log: ScanLog, poses: F64, usable_range_m: float, resolution_m
         widen_bounds(
             copied_rows(log.ranges_m, part),
             np.array(log.geometry_index[part]),
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
+            rays,
             np.array(poses[part], dtype=np.float64),
             bounds,
         )

@@ -23,14 +23,11 @@ def moved(pose: F64, twist: F64, elapsed_s: float) -> tuple[float, float]:
     return pose[0] + cos * dx - sin * dy, pose[1] + sin * dx + cos * dy
 
 
-class PlacedScans(NamedTuple):
-    """Scans, and where in a grid they were taken; one argument of the kernels that draw or read a grid.
+class Rays(NamedTuple):
+    """What the kernels need to know of the lasers; a geometry is what a laser's sweeps have in common.
 
     Attributes
     ----------
-    ranges_m : (n_scans, n_beams) float32
-        +inf = nothing within reach, negative = nothing up to this distance, NaN = says nothing.
-    geometry_index : (n_scans,) int32
     directions : (n_geometries, n_beams, 2) float64
         Unit vectors of the beams in the robot frame.
     sensor_poses : (n_geometries, 3) float64
@@ -39,6 +36,29 @@ class PlacedScans(NamedTuple):
         Longer beams end nowhere and are cut here.
     beam_interval_s : (n_geometries,) float64
         Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
+    """
+
+    directions: F64
+    sensor_poses: F64
+    usable_m: F64
+    beam_interval_s: F64
+
+    @property
+    def laser_index(self) -> I64:
+        """(n_geometries,) which laser a geometry belongs to: those at one place on the robot are one."""
+        _, laser = np.unique(self.sensor_poses, axis=0, return_inverse=True)
+        return laser.reshape(-1).astype(np.int64)
+
+
+class PlacedScans(NamedTuple):
+    """Scans, and where in a grid they were taken; one argument of the kernels that draw or read a grid.
+
+    Attributes
+    ----------
+    ranges_m : (n_scans, n_beams) float32
+        +inf = nothing within reach, negative = nothing up to this distance, NaN = says nothing.
+    geometry_index : (n_scans,) int32
+    rays : Rays
     twists : (n_scans, 3) float64
         Velocity of the robot during each scan, in its frame; sweeps are corrected for it.
     poses : (n_scans, 3) float64
@@ -49,10 +69,7 @@ class PlacedScans(NamedTuple):
 
     ranges_m: F32
     geometry_index: I32
-    directions: F64
-    sensor_poses: F64
-    usable_m: F64
-    beam_interval_s: F64
+    rays: Rays
     twists: F64
     poses: F64
     resolution_m: float
@@ -70,9 +87,9 @@ def has_pose(scans: PlacedScans, scan: int) -> bool:
 def place_beams(scans: PlacedScans, scan: int, beams: F64) -> None:
     """Fill the table (BEAM_ROWS, n_beams) of the beams of a scan; what says nothing has length 0 and is no hit."""
     geometry, pose = scans.geometry_index[scan], scans.poses[scan]
-    ranges_m, directions = scans.ranges_m[scan], scans.directions[geometry]
-    sensor_pose, usable_m = scans.sensor_poses[geometry], scans.usable_m[geometry]
-    beam_interval_s, twist = scans.beam_interval_s[geometry], scans.twists[scan]
+    ranges_m, twist, directions = scans.ranges_m[scan], scans.twists[scan], scans.rays.directions[geometry]
+    sensor_pose, usable_m = scans.rays.sensor_poses[geometry], scans.rays.usable_m[geometry]
+    beam_interval_s = scans.rays.beam_interval_s[geometry]
     resolution_m, origin_x_m, origin_y_m = scans.resolution_m, scans.origin_x_m, scans.origin_y_m
     n_beams = ranges_m.shape[0]
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -132,20 +149,12 @@ def find_end_cells(scans: PlacedScans, rows: int, cols: int, out: I32) -> None:
 
 
 @kernel
-def widen_bounds(
-    ranges_m: F32,
-    geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    poses: F64,
-    bounds: F64,
-) -> None:
+def widen_bounds(ranges_m: F32, geometry_index: I32, rays: Rays, poses: F64, bounds: F64) -> None:
     """Widen bounds until they hold all end points of some scans.
 
     Parameters
     ----------
-    ranges_m, geometry_index, directions, sensor_poses, usable_m, poses
+    ranges_m, geometry_index, rays, poses
         As in `PlacedScans`.
     bounds : (4,) float64
         Least x and y, largest x and y, map frame, metres.
@@ -158,10 +167,10 @@ def widen_bounds(
         cos, sin = math.cos(yaw), math.sin(yaw)
         for beam in range(ranges_m.shape[1]):
             distance = float(ranges_m[scan, beam])
-            if not (0.0 <= distance <= usable_m[geometry]):
+            if not (0.0 <= distance <= rays.usable_m[geometry]):
                 continue
-            local_x = sensor_poses[geometry, 0] + distance * directions[geometry, beam, 0]
-            local_y = sensor_poses[geometry, 1] + distance * directions[geometry, beam, 1]
+            local_x = rays.sensor_poses[geometry, 0] + distance * rays.directions[geometry, beam, 0]
+            local_y = rays.sensor_poses[geometry, 1] + distance * rays.directions[geometry, beam, 1]
             x, y = x0 + cos * local_x - sin * local_y, y0 + sin * local_x + cos * local_y
             bounds[0], bounds[1] = min(bounds[0], x), min(bounds[1], y)
             bounds[2], bounds[3] = max(bounds[2], x), max(bounds[3], y)
@@ -187,7 +196,7 @@ def cut_at_walls(scans: PlacedScans, is_wall: U8, out: F32) -> None:
         if not has_pose(scans, scan):
             continue
         place_beams(scans, scan, beams)
-        usable_m = scans.usable_m[scans.geometry_index[scan]]
+        usable_m = scans.rays.usable_m[scans.geometry_index[scan]]
         for beam in range(n_beams):
             if not (scans.ranges_m[scan, beam] > usable_m):
                 continue

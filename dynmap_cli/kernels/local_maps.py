@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.matching import SCORES, thin_points
 
@@ -28,10 +29,7 @@ def collect_local_map(
     ranges_m: F32,
     weights: F32,
     geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
+    rays: Rays,
     twists: F64,
     anchor_from_robot: F64,
     spacing_m: float,
@@ -44,7 +42,7 @@ def collect_local_map(
 
     Parameters
     ----------
-    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists
+    ranges_m, weights, geometry_index, rays, twists
         As for `register_scans`, each of these k scans.
     anchor_from_robot : (k, 3) float64
     spacing_m : float
@@ -73,22 +71,20 @@ def collect_local_map(
             free[row, col] = 0
     half_free = FREE_SIDE // 2
     for s in range(ranges_m.shape[0]):
-        geometry = geometry_index[s]
+        sensor_x, sensor_y = rays.sensor_poses[geometry_index[s], 0], rays.sensor_poses[geometry_index[s], 1]
         cos, sin = math.cos(anchor_from_robot[s, 2]), math.sin(anchor_from_robot[s, 2])
         x0, y0 = anchor_from_robot[s, 0], anchor_from_robot[s, 1]
         n = thin_points(
             ranges_m[s],
-            directions[geometry],
-            sensor_poses[geometry],
-            usable_m[geometry],
-            beam_interval_s[geometry],
+            rays,
+            geometry_index[s],
             twists[s],
             spacing_m,
             end_points,
             beams,
         )
-        sx = x0 + cos * sensor_poses[geometry, 0] - sin * sensor_poses[geometry, 1]
-        sy = y0 + sin * sensor_poses[geometry, 0] + cos * sensor_poses[geometry, 1]
+        sx = x0 + cos * sensor_x - sin * sensor_y
+        sy = y0 + sin * sensor_x + cos * sensor_y
         for k in range(n):
             e = float(weights[s, beams[k]])
             weight = 1.0 if math.isnan(e) else e

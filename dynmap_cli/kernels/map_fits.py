@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, U8
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.local_maps import (
     CELL_M,
@@ -294,10 +295,7 @@ def fit_scans(
     ranges_m: F32,
     weights: F32,
     geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
+    rays: Rays,
     twists: F64,
     spacing_m: float,
     drawn_points: F32,
@@ -313,8 +311,7 @@ def fit_scans(
 
     Parameters
     ----------
-    ranges_m, weights, geometry_index, directions, sensor_poses, usable_m, beam_interval_s, twists,
-    spacing_m
+    ranges_m, weights, geometry_index, rays, twists, spacing_m
         Of k scans, as for `collect_local_map`; beams with e < 1/2 are left out.
     drawn_points, drawn_normals, drawn_free, index, field
         The drawn map.
@@ -330,13 +327,10 @@ def fit_scans(
     points = np.empty((n_beams, 2), np.float32)
     one = int(np.int64(1))  # a literal would compile the kernels that are called once more
     for s in range(ranges_m.shape[0]):
-        geometry = geometry_index[s]
         n = thin_points(
             ranges_m[s],
-            directions[geometry],
-            sensor_poses[geometry],
-            usable_m[geometry],
-            beam_interval_s[geometry],
+            rays,
+            geometry_index[s],
             twists[s],
             spacing_m,
             end_points,

@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.jit import kernel
 
 SIZE = 2048
@@ -31,10 +32,8 @@ LANES = 8
 @kernel
 def thin_points(
     ranges_m: F32,
-    directions: F64,
-    sensor_pose: F64,
-    usable_m: float,
-    beam_interval_s: float,
+    rays: Rays,
+    geometry: int,
     twist: F64,
     spacing_m: float,
     out: F64,
@@ -48,11 +47,9 @@ def thin_points(
     Parameters
     ----------
     ranges_m : (n_beams,) float32
-    directions : (n_beams, 2) float64
-    sensor_pose : (3,) float64
-    usable_m : float
-    beam_interval_s : float
-        Time from one beam to the next; negative = the sweep ran from the last beam to the first, 0 = not known.
+    rays : Rays
+    geometry : int
+        That of the scan.
     twist : (3,) float64
         Velocity of the robot in its frame: m / s, m / s, rad / s.
     spacing_m : float
@@ -65,6 +62,8 @@ def thin_points(
     int
         How many points were written.
     """
+    directions, sensor_pose = rays.directions[geometry], rays.sensor_poses[geometry]
+    usable_m, beam_interval_s = rays.usable_m[geometry], rays.beam_interval_s[geometry]
     count = 0
     for beam in range(ranges_m.size):
         distance = float(ranges_m[beam])

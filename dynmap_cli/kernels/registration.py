@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.jit import kernel
 from dynmap_cli.kernels.matching import correlate, insert_points, thin_points
 from dynmap_cli.kernels.refinement import copy3, fit_loss, refine
@@ -60,11 +61,8 @@ def _predict_step(
 def _points_of(
     ranges_m: F32,
     weights: F32,
+    rays: Rays,
     geometry: int,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
     twist: F64,
     spacing_m: float,
     points: F64,
@@ -74,10 +72,8 @@ def _points_of(
     """Fill the thinned points of a scan and their weights; return how many there are."""
     count = thin_points(
         ranges_m,
-        directions[geometry],
-        sensor_poses[geometry],
-        usable_m[geometry],
-        beam_interval_s[geometry],
+        rays,
+        geometry,
         twist,
         spacing_m,
         points,
@@ -96,10 +92,7 @@ def register_scans(
     ranges_m: F32,
     weights: F32,
     geometry_index: I32,
-    directions: F64,
-    sensor_poses: F64,
-    usable_m: F64,
-    beam_interval_s: F64,
+    rays: Rays,
     times_s: F64,
     motion: F64,
     has_motion: U8,
@@ -129,7 +122,7 @@ def register_scans(
         The scans of this call; the scans before *first* are registered.
     ranges_m, weights : (last - first, n_beams) float32
         Ranges of these scans, and e of each beam (NaN counts as 1).
-    geometry_index, directions, sensor_poses, usable_m, beam_interval_s
+    geometry_index, rays
         As for `count_scans`.
     times_s : (n_scans,) float64
     motion : (n_scans, 3) float64
@@ -175,8 +168,8 @@ def register_scans(
         dx, dy, turn = step[0], step[1], step[2]
         geometry = geometry_index[scan]
         count = _points_of(
-            ranges_m[scan - first], weights[scan - first], geometry, directions, sensor_poses, usable_m,
-            beam_interval_s, twists[scan], numbers[SPACING], points, beams, point_weights,
+            ranges_m[scan - first], weights[scan - first], rays, geometry, twists[scan], numbers[SPACING],
+            points, beams, point_weights,
         )  # fmt: skip
         weight_sum = 0.0
         for k in range(count):

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dynmap_cli.arrays import F64, I32, I64
-from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between, compose, wrap_angle
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.map_fits import MATCHED, RESIDUAL, SEEN
 from dynmap_cli.mapping.edges import (
     RESIDUAL_M,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, U8
-from dynmap_cli.counting.counts import Rays
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.registration import KEY, LOST, WIDE
 from dynmap_cli.progress import Tick, no_tick
 from dynmap_cli.scan_matching.calibration import Calibration

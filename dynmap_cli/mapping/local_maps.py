@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
-from dynmap_cli.counting.counts import Rays
 from dynmap_cli.domain.poses import between
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.local_maps import (
     COARSE,
     COARSE_M,
@@ -126,10 +126,7 @@ class Collector:
         count = collect_local_map(
             *self._sweeps.read(scans),
             self._sweeps.geometry_index[scans],
-            self._rays.directions,
-            self._rays.sensor_poses,
-            self._rays.usable_m,
-            self._rays.beam_interval_s,
+            self._rays,
             twists[scans],
             poses,
             _SPACING_M,
@@ -239,10 +236,7 @@ class Easel:
         fit_scans(
             *sweeps.read(scans),
             sweeps.geometry_index[scans],
-            rays.directions,
-            rays.sensor_poses,
-            rays.usable_m,
-            rays.beam_interval_s,
+            rays,
             twists[scans],
             _SPACING_M,
             drawn.points,

@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64
-from dynmap_cli.counting.counts import Rays, rays_of
+from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.mapping.back_end import Graph, close_loops
 from dynmap_cli.mapping.carried import Carry, find_carries
 from dynmap_cli.mapping.front_end import Registered, register
@@ -132,7 +133,7 @@ class Registrar:
         part = sweeps.part(0, _CALIBRATION_SCANS)
         motion = corrected_motion(part.odometry, part.times_s, Calibration())
         sweep = self._find_sweep(part.part(0, _SWEEP_SCANS), motion[:_SWEEP_SCANS])
-        self.rays = replace(self.rays, beam_interval_s=_SWEEP_SIGNS[sweep] * self.rays.beam_interval_s)
+        self.rays = self.rays._replace(beam_interval_s=_SWEEP_SIGNS[sweep] * self.rays.beam_interval_s)
         if not np.isfinite(part.odometry).all(axis=1).any():
             return Calibration(sweep=sweep)
         first_pass = self._register(part, motion, _FIRST_PASS)
@@ -159,9 +160,9 @@ class Registrar:
         intervals = self.rays.beam_interval_s
         shares = {}
         for sweep, sign in _SWEEP_SIGNS.items():
-            self.rays = replace(self.rays, beam_interval_s=sign * intervals)
+            self.rays = self.rays._replace(beam_interval_s=sign * intervals)
             shares[sweep] = float(self._register(part, motion, _FIRST_PASS).shares.mean())
-        self.rays = replace(self.rays, beam_interval_s=intervals)
+        self.rays = self.rays._replace(beam_interval_s=intervals)
         best = max(shares, key=lambda sweep: shares[sweep])
         # Stamps and increments are to be believed unless the scans say otherwise.
         return best if shares[best] > shares["first to last"] + _CLEAR_GAIN else "first to last"

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
-from dynmap_cli.counting.counts import Rays, rays_of
+from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.counting.em import count_ended
 from dynmap_cli.domain.poses import compose, inverse
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.mapping.back_end import Graph, Known, close_loops, refine_graph, spread_to_scans
 from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import make_local_maps
@@ -104,7 +105,7 @@ class Site:
         for drive in self.drives:
             own = np.unique(drive.log.geometry_index)
             intervals[own] = drive.rays.beam_interval_s[own]
-        self._rays = replace(self._rays, beam_interval_s=intervals)
+        self._rays = self._rays._replace(beam_interval_s=intervals)
         # The log makes its columns read-only; the kernels keep one signature with a copy.
         self.log = replace(self.log, beam_interval_s=intervals.copy())
 

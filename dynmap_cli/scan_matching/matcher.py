@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64, U8
-from dynmap_cli.counting.counts import Rays
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.matching import SIZE
 from dynmap_cli.kernels.registration import register_scans
 from dynmap_cli.scan_matching.calibration import Calibration
@@ -143,10 +143,7 @@ class ScanMatcher:
             last,
             *sweeps.read(slice(first, last)),
             sweeps.geometry_index,
-            self._rays.directions,
-            self._rays.sensor_poses,
-            self._rays.usable_m,
-            self._rays.beam_interval_s,
+            self._rays,
             sweeps.times_s,
             motion,
             has_motion,

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.matching import SIZE, correlate, insert_points, thin_points
 from dynmap_cli.kernels.refinement import point_to_line
 from tests.reference.mapping import (
@@ -174,9 +175,8 @@ def test_thinning_keeps_a_spacing_and_skips_what_is_no_return():
     ranges = np.array([1.0, 1.0, np.nan, 1.0, np.inf, 5.0], dtype=np.float32)
     directions = np.array([[np.cos(a), np.sin(a)] for a in (0.0, 0.01, 0.02, 0.5, 0.6, 0.7)])
     out, beams = np.empty((6, 2)), np.empty(6, dtype=np.int32)
-    count = thin_points(
-        ranges, directions, np.array([0.2, 0.0, 0.0]), 4.0, 0.0, np.zeros(3), 0.03, out, beams
-    )
+    rays = Rays(directions[None], np.array([[0.2, 0.0, 0.0]]), np.array([4.0]), np.array([0.0]))
+    count = thin_points(ranges, rays, 0, np.zeros(3), 0.03, out, beams)
     assert beams[:count].tolist() == [0, 3]
     np.testing.assert_allclose(out[0], [1.2, 0.0])
 
@@ -190,6 +190,7 @@ def test_a_sweep_is_corrected_for_the_motion_during_it():
     directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
     out, beams = np.empty((n, 2)), np.empty(n, dtype=np.int32)
     twist = np.array([speed, 0.0, turn])
-    count = thin_points(ranges, directions, np.zeros(3), 10.0, interval, twist, 0.0, out, beams)
+    rays = Rays(directions[None], np.zeros((1, 3)), np.array([10.0]), np.array([interval]))
+    count = thin_points(ranges, rays, 0, twist, 0.0, out, beams)
     assert count == n
     np.testing.assert_allclose(out[:, 0], 3.0, atol=1e-5)
