@@ -34,8 +34,8 @@ from dynmap_cli.pipeline import (
 )
 from dynmap_cli.report.stage import STAGE as REPORT
 from dynmap_cli.segmentation.corrections import added_submap
+from dynmap_cli.segmentation.settings import margin_cells
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
-from dynmap_cli.segmentation.stage import margin_cells
 from dynmap_cli.update import settings_of
 
 

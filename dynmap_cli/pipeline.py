@@ -200,7 +200,8 @@ def run_stage(stage: Stage, context: StageContext, *, force: bool, target: Path 
             return StageResult(stage.name, ran=False, manifest=done, folder=folder)
         _log.info("%s: runs again, %s", stage.name, why)
     _log.info("%s: %s", stage.name, stage.title)
-    announce_compilation()
+    if stage.has_kernels:
+        announce_compilation()
     if stage.needs is not None:
         check_space(stage.name, *stage.needs(context), folder)
     started = time.process_time()

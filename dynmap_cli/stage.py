@@ -71,6 +71,8 @@ class Stage:
         sentences for people that say what was found.
     seeded : bool
         Whether the result depends on the seed.
+    has_kernels : bool
+        Whether compiled kernels do its work; loading the compiler takes 0.5 s and 60 MB.
     needs : callable or None
         Says for what it needs room on the disk and how many bytes; None = it looks itself, or writes little.
     """
@@ -83,4 +85,5 @@ class Stage:
     writes: tuple[str, ...]
     run: Callable[[StageContext], dict[str, Any]]
     seeded: bool = False
+    has_kernels: bool = True
     needs: Callable[[StageContext], tuple[str, int]] | None = None

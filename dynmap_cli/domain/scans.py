@@ -89,7 +89,7 @@ class ScanLog:
             if getattr(self, name).shape != shape:
                 msg = f"{name} is {getattr(self, name).shape}, but ranges_m {self.ranges_m.shape} asks for {shape}"
                 raise ValueError(msg)
-        if n_scans and bool((np.diff(self.stamps_ns) < 0).any()):
+        if bool((self.stamps_ns[1:] < self.stamps_ns[:-1]).any()):
             msg = "stamps_ns must ascend"
             raise ValueError(msg)
         if (

@@ -68,7 +68,7 @@ def explain(run_dir: Path, submap_id: int) -> dict[str, Any]:
     """
     from dynmap_cli.history.evidence import evidence_of
     from dynmap_cli.history.explanation import explanation_of
-    from dynmap_cli.segmentation.stage import evidence_params
+    from dynmap_cli.segmentation.finding import evidence_params
 
     submap = _submap_of(run_dir, submap_id)
     archive = run_dir / "patches" / "patches.zip"

@@ -70,7 +70,7 @@ def report_on(
 def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn, str] | None) -> LaserReport:
     """Say what is known of one laser."""
     laser = choice.view.laser
-    counts = laser.n_beams
+    lengths, _ = laser.lengths_counted
     stated = laser.usual_shape.range_max_m
     timing = timing_of(laser)
     mounting, verdict, masked = decided or (choice.view.mounting, None, "")
@@ -84,7 +84,7 @@ def _laser_report(choice: LaserChoice, decided: tuple[Mounting, NoReturn, str] |
         used=choice.used,
         why=choice.why,
         scans=laser.n_scans,
-        beams=(int(counts.min()), int(counts.max())),
+        beams=(int(lengths[0]), int(lengths[-1])),
         field_of_view_deg=round(float(np.degrees(choice.view.field_of_view_rad)), 2),
         rate_hz=timing.rate_hz,
         reach_m=round(stated, 3) if np.isfinite(stated) else None,

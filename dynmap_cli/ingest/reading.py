@@ -15,6 +15,7 @@ from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
@@ -48,7 +49,7 @@ from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.containers.opening import Source, find_sources
-from dynmap_cli.ingest.raw.columns import blocks_of, picked_rows, put_rows, spans
+from dynmap_cli.ingest.raw.columns import blocks_of, known_rows, picked, picked_rows, put_rows, spans
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
@@ -134,7 +135,7 @@ def _merge_drive(
     note_few_beams(
         [choice.view.laser for choice in used],
         joined,
-        has_odometry=bool(np.isfinite(poses).all(axis=1).any()),
+        has_odometry=bool(known_rows(poses).any()),
     )
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
@@ -160,7 +161,7 @@ def _merge_drive(
             number,
             choice,
             bearings_rad,
-            _sensor_poses(poses, mounting),
+            _sensor_poses(poses, mounting, folder),
             settings,
             folder,
         )
@@ -268,16 +269,16 @@ def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64
         joined.dropped["scan before the first or after the last odometry"] += cut
         columns.keep(kept)
     poses = odometry.poses[kept]
-    missing = int(np.count_nonzero(~np.isfinite(poses).all(axis=1)))
+    missing = poses.shape[0] - int(np.count_nonzero(known_rows(poses)))
     if missing and odometry.source != "none":
         joined.warnings.append(f"{missing} scans have no odometry")
     return poses
 
 
-def _sensor_poses(poses: F64, mounting: Mounting) -> F64:
+def _sensor_poses(poses: F64, mounting: Mounting, folder: Path | None) -> F64:
     """odom_from_sensor (n, 3) from odom_from_robot; in blocks, to save memory."""
-    result = np.empty_like(poses)
-    for rows in spans(poses.shape[0]):
+    result: F64 = new_table(poses.shape[0], 3, folder, np.float64)
+    for rows in spans(poses.shape[0], poses, result):
         result[rows] = compose(poses[rows], mounting.robot_from_sensor)
     return result
 
@@ -307,11 +308,12 @@ def _rewrite_ranges(
     sweeps = Sweeps(
         columns.ranges_m if is_only_one else picked_rows(columns.ranges_m, rows, folder),
         bearings_rad,
-        columns.geometry_index[rows],
-        odom_from_sensor[rows],
+        picked(columns.geometry_index, rows),
+        picked(odom_from_sensor, rows),
     )
     verdict = judge_no_return(sweeps, shape.range_min_m, shape.range_max_m, settings.no_return)
     apply_no_return(sweeps.ranges_m, shape.range_min_m, verdict)
+    give_back(odom_from_sensor)
     if not is_only_one:
         put_rows(columns.ranges_m, rows, sweeps.ranges_m)
     return verdict

@@ -43,4 +43,5 @@ STAGE = Stage(
     reads=(),
     writes=SCAN_FILES,
     run=run,
+    has_kernels=False,
 )

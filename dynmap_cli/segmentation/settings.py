@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -44,3 +45,8 @@ class SegmentationSettings(BaseModel):
     margin_m: float = Field(
         0.2, ge=0.0, le=5.0, description="Border of a sub-map around its contested cells."
     )
+
+
+def margin_cells(settings: SegmentationSettings, resolution_m: float) -> int:
+    """Border of a rectangle around its contested cells."""
+    return math.ceil(settings.margin_m / resolution_m - 1e-9)

@@ -17,9 +17,9 @@ from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.evaluation.states import LearnedStates, read_learned_states, score_states
 from dynmap_cli.evaluation.truth import read_run, same_scans
 from dynmap_cli.files.counting_map import read_counting_map
+from dynmap_cli.segmentation.finding import region_params
 from dynmap_cli.segmentation.regions import grow_components, merge_regions
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import region_params
 from tests.bench.measured import stage_seconds
 from tests.bench.tables import Row, Table, number, percent
 from tests.bench.visible import visible_changes

@@ -200,6 +200,17 @@ def test_help_imports_none_of_the_heavy_libraries():
     assert not heavy & set(done.stdout.split())
 
 
+def test_ingest_does_without_compiler_and_solvers(sample_logs, tmp_path):
+    code = (
+        "import sys\nfrom click.testing import CliRunner\nfrom dynmap_cli.cli import main\n"
+        f"words = ['ingest', {str(sample_logs / 'corridor_monday.mcap')!r}, '-o', {str(tmp_path / 'run')!r}]\n"
+        "assert CliRunner().invoke(main, words).exit_code == 0\n"
+        "print(*sorted({'numba', 'scipy', 'matplotlib'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help_and_is_in_the_readme(verb):
     result = run_dynmap(verb, "--help")

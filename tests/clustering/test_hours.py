@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dynmap_cli.clustering.hours import with_shares_by_hour
+from dynmap_cli.clustering.learning import learn_patch_map
 from dynmap_cli.clustering.settings import ClusteringSettings
-from dynmap_cli.clustering.stage import learn_patch_map
 from dynmap_cli.domain.patches import Patch, Visit
 from dynmap_cli.localization.beliefs.priors import prior_at, prior_by_hour
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import find_submaps
 from tests.segmentation.worlds import corridor, door
 
 HOUR_NS = 3600 * 10**9

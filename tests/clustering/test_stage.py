@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from dynmap_cli.clustering.learning import learn_patch_map
 from dynmap_cli.clustering.local_maps import build_local_maps, varying_vectors
 from dynmap_cli.clustering.sequences import SequenceParams
 from dynmap_cli.clustering.settings import ClusteringSettings
-from dynmap_cli.clustering.stage import learn_patch_map
 from dynmap_cli.clustering.states import MIXED, StateParams, describe, label_visits
 from dynmap_cli.counting.em import FilterParams
 from dynmap_cli.counting.evidence import EvidenceParams
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import find_submaps
 from tests.reference.clustering import plain_rand_index
 from tests.segmentation.worlds import corridor, door, shifted_poses, two_doors
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynmap_cli.history.evidence import evidence_of
+from dynmap_cli.segmentation.finding import evidence_params, find_submaps
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import evidence_params, find_submaps
 from tests.segmentation.worlds import corridor, shifted_poses, two_doors
 
 

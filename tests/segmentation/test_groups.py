@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.groups import _long_runs, changed_as_one
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import find_submaps
 from tests.segmentation.worlds import corridor, two_doors
 
 

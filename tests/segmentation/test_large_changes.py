@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.grid import FREE, OCCUPIED
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import find_submaps
 from dynmap_cli.segmentation.windows import WindowRecord
 from tests.segmentation.worlds import corridor, door
 

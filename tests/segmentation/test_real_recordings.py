@@ -5,8 +5,8 @@ import pytest
 from dynmap_cli.counting.frames import frame_of_scans
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import find_submaps
 
 pytestmark = pytest.mark.real
 

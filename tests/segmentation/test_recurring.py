@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.recurring import occasions
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import find_submaps
 from tests.segmentation.worlds import corridor
 
 DAYS, DAY_NS = 8, 86_400_000_000_000

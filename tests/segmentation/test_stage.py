@@ -7,8 +7,9 @@ import pytest
 
 from dynmap_cli.counting.looks import time_windows
 from dynmap_cli.errors import ConfigError
+from dynmap_cli.segmentation.finding import find_submaps
 from dynmap_cli.segmentation.settings import SegmentationSettings
-from dynmap_cli.segmentation.stage import describe, find_submaps
+from dynmap_cli.segmentation.stage import describe
 from tests.segmentation.worlds import corridor, shifted_poses, two_doors
 
 SETTINGS = SegmentationSettings()

@@ -11,8 +11,8 @@ from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.merging import Columns
-from dynmap_cli.ingest.choices.track_quality import jumps_m
-from dynmap_cli.ingest.raw.columns import blocks_of, picked
+from dynmap_cli.ingest.choices.track_quality import known_jumps_m
+from dynmap_cli.ingest.raw.columns import ascends, blocks_of, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 
@@ -34,12 +34,15 @@ def drop_impossible(recording: RawRecording) -> None:
     if not recording.lasers:
         return
     lasers = list(recording.lasers.values())
-    groups = _clocks_of(np.concatenate([laser.stamps_ns for laser in lasers]))
+    groups = _clocks_of([laser.stamps_ns for laser in lasers])
     largest = max(range(len(groups)), key=lambda number: (groups[number].size, number))
-    middle_ns = int(np.median(groups[largest]))
+    ordered = groups[largest]
+    middle_ns = int(np.median(ordered[[(ordered.size - 1) // 2, ordered.size // 2]]))
     _note_clocks(groups, largest, recording)
     for laser in lasers:
-        is_near = np.abs(laser.stamps_ns - middle_ns) <= _LONGEST_DRIVE_NS
+        is_near = np.zeros(laser.n_scans, dtype=bool)
+        for rows in spans(is_near.size, laser.stamps_ns):
+            is_near[rows] = np.abs(laser.stamps_ns[rows] - middle_ns) <= _LONGEST_DRIVE_NS
         if not is_near.all():
             recording.dropped[
                 f"scan on {laser.name} stamped more than a week from the others, as after a clock was set"
@@ -48,21 +51,26 @@ def drop_impossible(recording: RawRecording) -> None:
         if laser.n_scans == 0:
             del recording.lasers[laser.name]
             continue
-        n_beams = laser.n_beams
-        usual = int(np.median(n_beams))
-        is_usual = n_beams <= _MOST_BEAMS * usual
-        if not is_usual.all():
+        lengths, counts = laser.lengths_counted
+        middle = [(laser.n_scans - 1) // 2, laser.n_scans // 2]
+        usual = int(np.median(lengths[np.searchsorted(np.cumsum(counts), middle, side="right")]))
+        unusual = int(counts[lengths > _MOST_BEAMS * usual].sum())
+        if unusual:
             recording.dropped[
                 f"scan on {laser.name} with over {_MOST_BEAMS} times the usual {usual} beams"
-            ] += int(np.count_nonzero(~is_usual))
-            laser.keep(is_usual)
+            ] += unusual
+            laser.keep(laser.n_beams <= _MOST_BEAMS * usual)
         _note_beam_intervals(recording, laser.name)
+        laser.give_back()
 
 
-def _clocks_of(stamps_ns: I64) -> list[I64]:
-    """Stamps (n,) in order, parted where nothing is stamped for more than a week."""
-    ordered = np.sort(stamps_ns)
-    return np.split(ordered, np.flatnonzero(np.diff(ordered) > _LONGEST_DRIVE_NS) + 1)
+def _clocks_of(stamps_ns: Sequence[I64]) -> list[I64]:
+    """Stamps of several lasers in order, parted where nothing is stamped for more than a week."""
+    ordered = stamps_ns[0] if len(stamps_ns) == 1 else np.concatenate(stamps_ns)
+    if not ascends(ordered):
+        ordered = np.sort(ordered)
+    is_far = [steps > _LONGEST_DRIVE_NS for steps in steps_in(ordered)]
+    return np.split(ordered, np.flatnonzero(np.concatenate(is_far)) + 1 if is_far else [])
 
 
 def _note_clocks(groups: Sequence[I64], used: int, recording: RawRecording) -> None:
@@ -106,9 +114,9 @@ def _note_beam_intervals(recording: RawRecording, name: str) -> None:
 def note_stamps(lasers: Sequence[RawLaser], recording: RawRecording) -> None:
     """Say how far stamps go back, and how long nothing was recorded: both happen when a clock is set."""
     for laser in lasers:
-        stamps_ns = laser.stamps_ns
-        back_s = -float(np.diff(stamps_ns).min(initial=0)) * 1e-9
-        pause_s = float(np.diff(np.sort(stamps_ns)).max(initial=0)) * 1e-9
+        back_s = -float(min((steps.min() for steps in steps_in(laser.stamps_ns)), default=0)) * 1e-9
+        ordered = laser.stamps_ns if back_s <= 0.0 else np.sort(laser.stamps_ns)
+        pause_s = float(max((steps.max() for steps in steps_in(ordered)), default=0)) * 1e-9
         if back_s > _CLOCK_SET_S:
             recording.warnings.append(
                 f"{laser.name}: from one scan to the next the stamps go back by up to {back_s:.1f} s, as where a clock "
@@ -126,7 +134,10 @@ def note_few_beams(lasers: Sequence[RawLaser], recording: RawRecording, *, has_o
     LogError
         If these are all sweeps, and without odometry nothing says where the robot was.
     """
-    few = {laser.name: int(np.count_nonzero(laser.n_beams < _LEAST_BEAMS)) for laser in lasers}
+    few = {}
+    for laser in lasers:
+        lengths, counts = laser.lengths_counted
+        few[laser.name] = int(counts[lengths < _LEAST_BEAMS].sum())
     n_scans = sum(laser.n_scans for laser in lasers)
     if not has_odometry and sum(few.values()) == n_scans:
         msg = (
@@ -145,8 +156,8 @@ def note_few_beams(lasers: Sequence[RawLaser], recording: RawRecording, *, has_o
 
 def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:
     """Say how many sweeps share their stamp with another one of the same laser, for they are not copies of it."""
-    is_same = np.diff(columns.stamps_ns) == 0
-    is_same &= np.diff(columns.laser) == 0
+    is_same = columns.stamps_ns[1:] == columns.stamps_ns[:-1]
+    is_same &= columns.laser[1:] == columns.laser[:-1]
     shared = int(np.count_nonzero(is_same))
     if shared:
         recording.warnings.append(f"{shared} scans have the stamp of the scan before but other ranges")
@@ -154,8 +165,7 @@ def note_shared_stamps(columns: Columns, recording: RawRecording) -> None:
 
 def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None:
     """Say where the odometry jumps farther than anything drives."""
-    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    found_m = jumps_m(picked(columns.stamps_ns, known), picked(poses, known))
+    found_m = known_jumps_m(columns.stamps_ns, poses)
     if found_m.size:
         often = "once" if found_m.size == 1 else f"{found_m.size} times"
         recording.warnings.append(
@@ -169,11 +179,13 @@ def note_track(recording: RawRecording, source: str) -> None:
     track = recording.odometry.get(source)
     if track is None or source in recording.lasers:
         return
-    steps_ns = np.diff(track.stamps_ns)
-    backward, repeated = int(np.count_nonzero(steps_ns < 0)), int(np.count_nonzero(steps_ns == 0))
+    backward = repeated = 0
+    for steps_ns in steps_in(track.stamps_ns):
+        backward += int(np.count_nonzero(steps_ns < 0))
+        repeated += int(np.count_nonzero(steps_ns == 0))
     if backward or repeated:
         recording.warnings.append(
-            f"odometry {source}: of {steps_ns.size + 1} poses {backward} were stamped before their predecessor and "
+            f"odometry {source}: of {track.stamps_ns.size} poses {backward} were stamped before their predecessor and "
             f"{repeated} like it; they were sorted, and of equal stamps the first pose counts"
         )
 

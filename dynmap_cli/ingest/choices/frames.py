@@ -66,7 +66,7 @@ def make_edge(raw: RawTransform) -> Edge:
     is_same = all(
         (np.abs(moved[rows] - moved[0]) < _SAME_M).all()
         and (np.abs(unit(turned[rows]) @ first) > 1.0 - _SAME_QUATERNION**2).all()
-        for rows in spans(values.shape[0])
+        for rows in spans(values.shape[0], values)
     )
     raw.give_back()
     if raw.is_static or is_same:

@@ -93,16 +93,17 @@ def _view(laser: RawLaser, tree: FrameTree, base: str) -> LaserView:
         mounting = find_mounting(tree, base, laser.frame, laser.stamps_ns)
     shape = laser.usual_shape
     picked = np.linspace(0, laser.n_scans - 1, min(_SAMPLED_SWEEPS, laser.n_scans)).astype(np.int64)
-    values = np.full((picked.size, int(laser.n_beams.max())), np.nan, dtype=np.float32)
+    values = np.full((picked.size, int(laser.lengths_counted[0][-1])), np.nan, dtype=np.float32)
     laser.fill(values, picked)
     values = values[np.isfinite(values) & (values > 0.0) & (values < np.float32(shape.range_max_m))]
-    delays = laser.logged_ns - laser.stamps_ns
+    delays_ns = laser.logged_ns - laser.stamps_ns
+    laser.give_back()
     return LaserView(
         laser,
         mounting,
         min(abs(shape.increment_rad) * shape.n_beams, 2.0 * np.pi),
         float(np.quantile(values, _FAR_QUANTILE)) if values.size else 0.0,
-        float(np.median(delays)) * 1e-9,
+        float(np.median(delays_ns, overwrite_input=True)) * 1e-9,
     )
 
 

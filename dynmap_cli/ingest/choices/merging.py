@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.mapped import give_back
@@ -17,7 +19,7 @@ from dynmap_cli.domain.scans import ScanLog, join_drives
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.choices.clocks import UNDATED_BEFORE_NS
-from dynmap_cli.ingest.raw.columns import blocks_of, kept_rows
+from dynmap_cli.ingest.raw.columns import ascends, blocks_of, counts_of, kept_rows, picked, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform
 
@@ -26,6 +28,7 @@ _JUMP_M, _JUMP_M_PER_S = 1.0, 2.0
 _ORIGIN, _LEFT_ORIGIN_M = 0.01, 0.3
 _ABSURD_SWEEP = 2.0
 _AFTER_S = 61.0
+Number = TypeVar("Number", bound=np.generic)
 _log = logging.getLogger(__name__)
 
 
@@ -236,26 +239,25 @@ def columns_of(
         columns.
     """
     table: dict[tuple[int, ScanShape], int] = {}
-    stamps, numbers, geometry, recording = [], [], [], []
+    numbers, geometry = [], []
     backwards = 0
     for number, laser in enumerate(lasers):
-        stamps.append(laser.stamps_ns)
-        backwards += int(np.count_nonzero(np.diff(stamps[-1]) < 0))
+        backwards += sum(int(np.count_nonzero(steps < 0)) for steps in steps_in(laser.stamps_ns))
         numbers.append(np.full(laser.n_scans, number, dtype=np.int32))
         _, first = np.unique(laser.shape_index, return_index=True)
         rows = np.zeros(len(laser.shape_table), dtype=np.int32)
         for shape in laser.shape_index[np.sort(first)].tolist():
             rows[shape] = table.setdefault((number, laser.shape_table[shape]), len(table))
         geometry.append(rows[laser.shape_index])
-        recording.append(laser.recording)
-    order = np.argsort(np.concatenate(stamps), kind="stable")
+    stamps_ns = _joined([laser.stamps_ns for laser in lasers])
+    order = np.argsort(stamps_ns, kind="stable")
     geometries = list(table)
     columns = Columns(
-        np.concatenate(stamps)[order],
+        picked(stamps_ns, order),
         _in_order(lasers, order, folder),
-        np.concatenate(numbers)[order],
-        np.concatenate(geometry)[order],
-        np.concatenate(recording)[order],
+        picked(_joined(numbers), order),
+        picked(_joined(geometry), order),
+        picked(_joined([laser.recording for laser in lasers]), order),
         geometries,
         _beam_intervals(lasers, geometries),
         order,
@@ -267,14 +269,19 @@ def columns_of(
     return columns, backwards
 
 
+def _joined(columns: Sequence[NDArray[Number]]) -> NDArray[Number]:
+    """Columns one after another; a single one itself, which may be mapped from a file."""
+    return columns[0] if len(columns) == 1 else np.concatenate(columns)
+
+
 def _in_order(lasers: Sequence[RawLaser], order: I64, folder: Path | None) -> F32:
     """Ranges (n, widest) of all lasers, one after the other, in the given order; missing beams are NaN."""
-    if folder is not None and len(lasers) == 1 and (np.diff(order) == 1).all():
+    if folder is not None and len(lasers) == 1 and all((steps == 1).all() for steps in steps_in(order)):
         taken = lasers[0].taken_ranges()
         if taken is not None:
             return taken
     ends = np.cumsum([laser.n_scans for laser in lasers])
-    widest = max(int(laser.n_beams.max()) for laser in lasers)
+    widest = max(int(laser.lengths_counted[0][-1]) for laser in lasers)
     table = new_table(order.size, widest, folder)
     for rows in blocks_of(table):
         numbers = order[rows]
@@ -297,7 +304,7 @@ def _in_order(lasers: Sequence[RawLaser], order: I64, folder: Path | None) -> F3
 def _repeated(columns: Columns) -> B1:
     """(n,) sweeps that have stamp, geometry and ranges of the one before."""
     repeated = np.zeros(columns.stamps_ns.size, dtype=bool)
-    for row in np.flatnonzero(np.diff(columns.stamps_ns) == 0) + 1:
+    for row in np.flatnonzero(columns.stamps_ns[1:] == columns.stamps_ns[:-1]) + 1:
         repeated[row] = columns.geometry_index[row] == columns.geometry_index[row - 1] and np.array_equal(
             columns.ranges_m[row], columns.ranges_m[row - 1], equal_nan=True
         )
@@ -311,8 +318,11 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
     for number, laser in enumerate(lasers):
         period_s = period_s_of(laser.stamps_ns)
         known = np.isfinite(laser.beam_interval_s)
-        for shape in np.unique(laser.shape_index[known]).tolist():
-            interval_s = float(np.median(laser.beam_interval_s[known & (laser.shape_index == shape)]))
+        for shape in np.flatnonzero(counts_of(laser.shape_index, len(laser.shape_table))).tolist():
+            intervals_s = laser.beam_interval_s[known & (laser.shape_index == shape)]
+            if not intervals_s.size:
+                continue
+            interval_s = float(np.median(intervals_s, overwrite_input=True))
             if interval_s * laser.shape_table[shape].n_beams <= _ABSURD_SWEEP * period_s:
                 result[rows[number, laser.shape_table[shape]]] = interval_s
     return result
@@ -320,9 +330,20 @@ def _beam_intervals(lasers: Sequence[RawLaser], geometries: list[tuple[int, Scan
 
 def period_s_of(stamps_ns: I64) -> float:
     """Median time between sweeps, seconds, of which those of one stamp count once; 0 with fewer than two."""
-    steps_ns = np.diff(np.sort(stamps_ns))
-    steps_ns = steps_ns[steps_ns > 0]
+    steps_ns = pauses_ns(stamps_ns)
     return float(np.median(steps_ns, overwrite_input=True)) * 1e-9 if steps_ns.size else 0.0
+
+
+def pauses_ns(stamps_ns: I64) -> I64:
+    """Times (m,) between sweeps, given in any order, of which those of one stamp count once."""
+    ordered = stamps_ns if ascends(stamps_ns) else np.sort(stamps_ns)
+    result = np.empty(max(ordered.size - 1, 0), dtype=np.int64)
+    count = 0
+    for steps in steps_in(ordered):
+        positive = steps[steps > 0]
+        result[count : count + positive.size] = positive
+        count += positive.size
+    return result[:count]
 
 
 def find_restart(recording_index: I32, stamps_ns: I64, odometry: F64) -> tuple[int, str] | None:

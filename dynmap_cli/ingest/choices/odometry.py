@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import compose, interpolate, inverse
 from dynmap_cli.errors import LogError
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.choices.frames import FrameTree, planar
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name, moved_by_odometry, odom_frame_of
-from dynmap_cli.ingest.choices.track_quality import jumps_m
-from dynmap_cli.ingest.raw.columns import picked, spans
+from dynmap_cli.ingest.choices.track_quality import known_jumps_m
+from dynmap_cli.ingest.raw.columns import known_rows, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording
 from dynmap_cli.ingest.settings import IngestSettings
@@ -89,24 +92,23 @@ def find_odometry(
         Times of the sweeps.
     settings : IngestSettings
     """
-    unknown = np.full((stamps_ns.size, 3), np.nan)
     if settings.odom == _NONE_WORDS:
-        return Odometry("none", "as set", unknown, 0.0, 0.0)
+        return _nowhere("as set", stamps_ns)
     candidates, rejected = _candidates(recording, tree, base, lasers, stamps_ns, settings)
     if settings.odom is not None:
         return _as_wished(recording.name, candidates, recording, base, tree, stamps_ns, settings.odom)
     if not candidates:
-        return Odometry("none", "the recording holds no odometry", unknown, 0.0, 0.0, tuple(rejected))
+        return _nowhere("the recording holds no odometry", stamps_ns, rejected)
     apart = [found for found in candidates if _cover(found.poses) == 0.0]
     rejected += [f"{found.source} (its times are not those of the scans)" for found in apart]
     candidates = [found for found in candidates if _cover(found.poses) > 0.0]
     if not candidates:
-        return Odometry("none", "no odometry has the times of the scans", unknown, 0.0, 0.0, tuple(rejected))
+        return _nowhere("no odometry has the times of the scans", stamps_ns, rejected)
     jumping = [_always_jumps(stamps_ns, found.poses) for found in candidates]
     rejected += [f"{found.source} ({why})" for found, why in zip(candidates, jumping, strict=True) if why]
     candidates = [found for found, why in zip(candidates, jumping, strict=True) if not why]
     if not candidates:
-        return Odometry("none", "no odometry is that of a robot", unknown, 0.0, 0.0, tuple(rejected))
+        return _nowhere("no odometry is that of a robot", stamps_ns, rejected)
     moving = [found for found in candidates if _path_m(found.poses) >= _LEAST_PATH_M]
     covering = [found for found in moving if _cover(found.poses) >= _LEAST_COVER]
     chosen = (covering or moving or candidates)[0]
@@ -116,6 +118,11 @@ def find_odometry(
         if other is not chosen:
             rejected.append(f"{other.source} ({_why_not(other, chosen)})")
     return replace(chosen, rejected=tuple(rejected))
+
+
+def _nowhere(why: str, stamps_ns: I64, rejected: Sequence[str] = ()) -> Odometry:
+    """No odometry, with the reason."""
+    return Odometry("none", why, np.full((stamps_ns.size, 3), np.nan), 0.0, 0.0, tuple(rejected))
 
 
 def _why_not(other: Odometry, chosen: Odometry) -> str:
@@ -138,7 +145,7 @@ def _candidates(
     """All sources of odometry, the preferred first, and names of what looks like one but is not."""
     found: list[Odometry] = []
     rejected: list[str] = []
-    from_tf = odometry_from_tf(tree, base, stamps_ns, settings)
+    from_tf = odometry_from_tf(tree, base, stamps_ns, settings, recording.folder)
     if from_tf is not None:
         found.append(from_tf)
     own = {laser.name for laser in lasers}
@@ -150,10 +157,14 @@ def _candidates(
         if reason:
             rejected.append(f"{name} ({reason})")
             continue
-        found.append(_from_track(track, tree, base, stamps_ns))
+        found.append(_from_track(track, tree, base, stamps_ns, recording.folder))
     odom, moved = moved_by_odometry(tree)
     if from_tf is None and settings.odom_frame is None and base and moved and not tree.path(moved, base):
-        found.append(_along(tree, odom, moved, stamps_ns, f"transforms; '{moved}' taken to be '{base}'"))
+        found.append(
+            _along(
+                tree, odom, moved, stamps_ns, recording.folder, f"transforms; '{moved}' taken to be '{base}'"
+            )
+        )
     return found, rejected
 
 
@@ -166,14 +177,15 @@ def _distance(track: RawOdometry, tree: FrameTree, base: str) -> int:
 
 def _always_jumps(stamps_ns: I64, poses: F64) -> str:
     """Says so where over a tenth of the steps between sweeps are longer than anything drives, as in millimetres."""
-    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    found_m = jumps_m(picked(stamps_ns, known), picked(poses, known))
-    if found_m.size <= max(_MOST_JUMPING * known.size, _ALWAYS_CUT):
+    found_m = known_jumps_m(stamps_ns, poses)
+    if found_m.size <= max(_MOST_JUMPING * np.count_nonzero(known_rows(poses)), _ALWAYS_CUT):
         return ""
     return f"it jumps {found_m.size} times between scans, by up to {found_m.max():.1f} m"
 
 
-def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: IngestSettings) -> Odometry | None:
+def odometry_from_tf(
+    tree: FrameTree, base: str, stamps_ns: I64, settings: IngestSettings, folder: Path | None = None
+) -> Odometry | None:
     """Robot poses from the transforms between the odometry frame and the robot frame."""
     odom = odom_frame_of(tree, settings, base) if base else None
     steps = tree.path(odom, base) if odom else None
@@ -181,15 +193,15 @@ def odometry_from_tf(tree: FrameTree, base: str, stamps_ns: I64, settings: Inges
         return None
     if any(last_name(frame) in GLOBAL_FRAMES for frame in steps):
         return None
-    return _along(tree, odom, base, stamps_ns, "transforms of the odometry frame")
+    return _along(tree, odom, base, stamps_ns, folder, "transforms of the odometry frame")
 
 
-def _along(tree: FrameTree, odom: str, base: str, stamps_ns: I64, why: str) -> Odometry:
+def _along(tree: FrameTree, odom: str, base: str, stamps_ns: I64, folder: Path | None, why: str) -> Odometry:
     """Robot poses from the transforms between two frames that are joined."""
     edges = [tree.edge_between(a, b) for a, b in pairwise(tree.path(odom, base) or ())]
-    gaps = [float(np.diff(edge.stamps_ns).max(initial=0)) * 1e-9 for edge in edges]
-    flat = _planar_at(tree, odom, base, stamps_ns)
-    is_known = np.isfinite(flat).all(axis=1)
+    gaps = [_longest_gap_s(edge.stamps_ns) for edge in edges]
+    flat = _planar_at(tree, odom, base, stamps_ns, folder)
+    is_known = known_rows(flat)
     path_m = path_length_m(flat if is_known.all() else flat[is_known])
     return Odometry(
         f"tf {odom} -> {base}",
@@ -201,17 +213,19 @@ def _along(tree: FrameTree, odom: str, base: str, stamps_ns: I64, why: str) -> O
     )
 
 
-def _planar_at(tree: FrameTree, target: str, source: str, stamps_ns: I64) -> F64:
+def _planar_at(tree: FrameTree, target: str, source: str, stamps_ns: I64, folder: Path | None) -> F64:
     """target_from_source (n, 3) in the plane at each time, of two frames that are joined; in blocks, to save memory."""
-    result = np.empty((stamps_ns.size, 3))
-    for rows in spans(stamps_ns.size):
+    result: F64 = new_table(stamps_ns.size, 3, folder, np.float64)
+    for rows in spans(stamps_ns.size, stamps_ns, result):
         poses = tree.transform(target, source, stamps_ns[rows])
         result[rows] = np.nan if poses is None else planar(poses)
         tree.give_back()
     return result
 
 
-def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) -> Odometry:
+def _from_track(
+    track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64, folder: Path | None
+) -> Odometry:
     """Robot poses from an odometry topic or the pose fields of a text log."""
     stamps, poses = track.as_arrays()
     why = "odometry messages" if track.frame else "poses in the lines of the log"
@@ -221,12 +235,12 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
             poses = compose(poses, planar(offset)[0])
         else:
             why = f"odometry messages; '{track.child}' taken to be '{base}'"
-    gap_s = float(np.diff(stamps).max(initial=0)) * 1e-9
+    gap_s = _longest_gap_s(stamps)
     rate_hz = _rate_hz(stamps)
     path_m = path_length_m(track.poses)
     track.give_back()
-    at_sweeps = np.empty((stamps_ns.size, 3))
-    for rows in spans(stamps_ns.size):
+    at_sweeps: F64 = new_table(stamps_ns.size, 3, folder, np.float64)
+    for rows in spans(stamps_ns.size, stamps_ns, at_sweeps):
         at_sweeps[rows] = interpolate(stamps, poses, stamps_ns[rows])
         track.give_back()
     return Odometry(track.name, why, at_sweeps, gap_s, path_m, rate_hz=rate_hz)
@@ -234,13 +248,21 @@ def _from_track(track: RawOdometry, tree: FrameTree, base: str, stamps_ns: I64) 
 
 def _rate_hz(stamps_ns: I64) -> float:
     """One over the median time between ascending stamps; 0 with fewer than two."""
-    return 1e9 / float(np.median(np.diff(stamps_ns))) if stamps_ns.size > 1 else 0.0
+    if stamps_ns.size < 2:
+        return 0.0
+    steps_ns = np.concatenate([*steps_in(stamps_ns)])
+    return 1e9 / float(np.median(steps_ns, overwrite_input=True))
+
+
+def _longest_gap_s(stamps_ns: I64) -> float:
+    """Longest time between ascending stamps, seconds."""
+    return max((int(steps.max()) for steps in steps_in(stamps_ns)), default=0) * 1e-9
 
 
 def path_length_m(poses: F64) -> float:
     """Distance along poses (n, 3)."""
     steps_m = np.empty(max(poses.shape[0] - 1, 0))
-    for rows in spans(steps_m.size):
+    for rows in spans(steps_m.size, poses):
         steps_m[rows] = np.hypot(*np.diff(poses[rows.start : rows.stop + 1, :2], axis=0).T)
     return float(steps_m.sum())
 
@@ -282,20 +304,22 @@ def _as_wished(
             "Pass one of these with --odom, or 'tf' or 'none'."
         )
         raise LogError(msg)
-    return replace(_from_track(recording.odometry[wish], tree, base, stamps_ns), why="as set")
+    return replace(
+        _from_track(recording.odometry[wish], tree, base, stamps_ns, recording.folder), why="as set"
+    )
 
 
 def _cover(poses: F64) -> float:
     """Share of sweeps with a pose."""
-    return float(np.isfinite(poses).all(axis=1).mean()) if poses.size else 0.0
+    return float(known_rows(poses).mean()) if poses.size else 0.0
 
 
 def _path_m(poses: F64) -> float:
     """Path length with a radian of turning counted as 0.3 m, so that turning on the spot counts as moving."""
-    is_known = np.isfinite(poses).all(axis=1)
+    is_known = known_rows(poses)
     known = poses if is_known.all() else poses[is_known]
     length_m = 0.0
-    for rows in spans(max(known.shape[0] - 1, 0)):
+    for rows in spans(max(known.shape[0] - 1, 0), known):
         steps = compose(inverse(known[rows]), known[rows.start + 1 : rows.stop + 1])
         length_m += float(np.hypot(steps[:, 0], steps[:, 1]).sum() + 0.3 * np.abs(steps[:, 2]).sum())
     return length_m
@@ -303,7 +327,7 @@ def _path_m(poses: F64) -> float:
 
 def ends_without_odometry(poses: F64) -> slice:
     """Sweeps to keep: those before the first and after the last pose go, if they are few (5 %, or two)."""
-    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    known = np.flatnonzero(known_rows(poses))
     everything = slice(0, poses.shape[0])
     if known.size == 0:
         return everything

@@ -13,7 +13,7 @@ from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.merging import Columns
-from dynmap_cli.ingest.raw.columns import blocks_of
+from dynmap_cli.ingest.raw.columns import blocks_of, known_rows
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.settings import MaskSector
 
@@ -75,7 +75,7 @@ def moves_of(poses: F64, usable: B1) -> Moves:
     usable : (n,) bool
         Scans to choose from.
     """
-    known = np.flatnonzero(usable & np.isfinite(poses).all(axis=1))
+    known = np.flatnonzero(usable & known_rows(poses))
     chosen = [0] if known.size else []
     at, window = 1, _AHEAD
     ready: list[int] = []

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import F64
-from dynmap_cli.ingest.choices.merging import period_s_of
+from dynmap_cli.ingest.choices.merging import pauses_ns
+from dynmap_cli.ingest.raw.columns import spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 
 _GAP_PERIODS = 1.5
@@ -47,21 +48,27 @@ class Timing:
 def timing_of(laser: RawLaser) -> Timing:
     """Measure the times of a laser's sweeps."""
     stamps_ns = laser.stamps_ns
-    steps_s: F64 = np.diff(stamps_ns).astype(np.float64) * 1e-9
-    pauses_s: F64 = np.diff(np.unique(stamps_ns)).astype(np.float64) * 1e-9
-    period_s = period_s_of(stamps_ns)
-    is_steady, missing = False, np.zeros(0)
-    if period_s > 0.0:
-        off = np.abs(pauses_s / period_s - 1.0)
-        is_steady = bool(np.mean(off <= _STEADY_PERIODS) >= _STEADY_SHARE)
-    if is_steady:
-        missing = np.round(pauses_s[pauses_s > _GAP_PERIODS * period_s] / period_s) - 1.0
+    backward, least_step_ns = 0, 0
+    for steps_ns in steps_in(stamps_ns):
+        backward += int(np.count_nonzero(steps_ns < 0))
+        least_step_ns = min(least_step_ns, int(steps_ns.min()))
+    pauses = pauses_ns(stamps_ns)
+    longest_gap_s = int(pauses.max(initial=0)) * 1e-9
+    period_s = float(np.median(pauses, overwrite_input=True)) * 1e-9 if pauses.size else 0.0
+    steady, gaps, missing = 0, 0, 0
+    for rows in spans(pauses.size):
+        pauses_s: F64 = pauses[rows].astype(np.float64) * 1e-9
+        steady += int(np.count_nonzero(np.abs(pauses_s / period_s - 1.0) <= _STEADY_PERIODS))
+        long_s = pauses_s[pauses_s > _GAP_PERIODS * period_s]
+        gaps += long_s.size
+        missing += int((np.round(long_s / period_s) - 1.0).sum())
+    is_steady = pauses.size > 0 and steady / pauses.size >= _STEADY_SHARE
     return Timing(
         rate_hz=round(1.0 / period_s, 3) if period_s > 0.0 else 0.0,
         is_steady=is_steady,
-        longest_gap_s=round(float(pauses_s.max(initial=0.0)), 3),
-        gaps=missing.size,
-        missing=int(missing.sum()),
-        backward=int(np.count_nonzero(steps_s < 0.0)),
-        most_backward_s=round(-float(steps_s.min(initial=0.0)), 3),
+        longest_gap_s=round(longest_gap_s, 3),
+        gaps=gaps if is_steady else 0,
+        missing=missing if is_steady else 0,
+        backward=backward,
+        most_backward_s=round(-(least_step_ns * 1e-9), 3),
     )

@@ -10,7 +10,7 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.domain.scans import ScanLog
-from dynmap_cli.ingest.raw.columns import picked, spans
+from dynmap_cli.ingest.raw.columns import counts_of, known_rows, picked, spans
 
 _SAME_POSE = 1e-9
 _MOVED_M, _SPAN_S = 0.05, 0.5
@@ -48,32 +48,45 @@ class TrackQuality:
 
 def quality_of(log: ScanLog) -> TrackQuality | None:
     """Judge the odometry of scans in the order of their recording; None where no two scans have a pose."""
-    order = np.argsort(log.arrival_index, kind="stable")
-    known = order[log.has_odometry[order]]
+    known = np.argsort(log.arrival_index, kind="stable")
+    has_pose = picked(known_rows(log.odometry), known)
+    if not has_pose.all():
+        known = known[has_pose]
     if known.size < 2:
         return None
-    poses = picked(log.odometry, known)
-    steps_m, turned_rad = _steps_of(poses)
-    seconds = np.abs(np.diff(log.stamps_ns[known])) * 1e-9
+    poses, stamps_ns = picked(log.odometry, known), picked(log.stamps_ns, known)
+    speeds_mps, turned_rad = _steps_of(poses)
     # Stamps that are wrong make steps short, and speeds infinite.
-    seconds = np.maximum(seconds, max(float(np.median(seconds)), _LEAST_STEP_S))
-    speeds_mps = steps_m / seconds
+    least_s = max(float(np.median(_seconds_of(stamps_ns), overwrite_input=True)), _LEAST_STEP_S)
+    for rows in spans(speeds_mps.size, stamps_ns):
+        seconds = np.abs(np.diff(stamps_ns[rows.start : rows.stop + 1])) * 1e-9
+        speeds_mps[rows] /= np.maximum(seconds, least_s)
+    fastest_mps = float(np.quantile(speeds_mps, _FAST_QUANTILE, overwrite_input=True))
+    del speeds_mps
     moving, frozen = _moving_and_frozen(log, known)
     return TrackQuality(
         covered=round(known.size / log.n_scans, 5),
         turned_rad=round(turned_rad, 3),
-        fastest_mps=round(float(np.quantile(speeds_mps, _FAST_QUANTILE)), 3),
+        fastest_mps=round(fastest_mps, 3),
         moving=moving,
         frozen=frozen,
-        jumps=jumps_m(log.stamps_ns[known], poses).size,
+        jumps=jumps_m(stamps_ns, poses).size,
     )
+
+
+def _seconds_of(stamps_ns: I64) -> F64:
+    """(n - 1,) times between stamps (n,), whichever comes first; in blocks, to save memory."""
+    seconds = np.empty(max(stamps_ns.size - 1, 0))
+    for rows in spans(seconds.size, stamps_ns):
+        seconds[rows] = np.abs(np.diff(stamps_ns[rows.start : rows.stop + 1])) * 1e-9
+    return seconds
 
 
 def _steps_of(poses: F64) -> tuple[F64, float]:
     """Lengths (n - 1,) of the steps between poses (n, 3), and the sum of their turns; in blocks, to save memory."""
     steps_m = np.empty(poses.shape[0] - 1)
     turned_rad = 0.0
-    for rows in spans(steps_m.size):
+    for rows in spans(steps_m.size, poses):
         steps = between(poses[rows], poses[rows.start + 1 : rows.stop + 1])
         steps_m[rows] = np.hypot(steps[:, 0], steps[:, 1])
         turned_rad += float(np.abs(wrap_angle(steps[:, 2])).sum())
@@ -83,7 +96,7 @@ def _steps_of(poses: F64) -> tuple[F64, float]:
 def jumps_m(stamps_ns: I64, poses: F64) -> F64:
     """Lengths of the steps between poses (n, 3) that are longer than anything drives in their time."""
     found = []
-    for rows in spans(max(poses.shape[0] - 1, 0)):
+    for rows in spans(max(poses.shape[0] - 1, 0), stamps_ns, poses):
         both = slice(rows.start, rows.stop + 1)
         steps_m = np.hypot(*np.diff(poses[both, :2], axis=0).T)
         gaps_s = np.abs(np.diff(stamps_ns[both])) * 1e-9
@@ -91,12 +104,24 @@ def jumps_m(stamps_ns: I64, poses: F64) -> F64:
     return np.concatenate(found) if found else np.zeros(0)
 
 
+def known_jumps_m(stamps_ns: I64, poses: F64) -> F64:
+    """The same of those of the poses (n, 3) that are known."""
+    is_known = known_rows(poses)
+    if is_known.all():
+        return jumps_m(stamps_ns, poses)
+    return jumps_m(stamps_ns[is_known], poses[is_known])
+
+
 def _moving_and_frozen(log: ScanLog, known: I64) -> tuple[int, int]:
     """Count spans in which the ranges change, and those of them in which the pose does not; of the usual geometry."""
-    usual = np.argmax(np.bincount(log.geometry_index[known]))
-    rows = known[log.geometry_index[known] == usual]
-    seconds = np.abs(np.diff(log.stamps_ns[rows])) * 1e-9
-    period_s = max(float(np.median(seconds)), _LEAST_STEP_S) if seconds.size else _SPAN_S
+    geometry = picked(log.geometry_index, known)
+    is_usual = geometry == np.argmax(counts_of(geometry, log.sensor_poses.shape[0]))
+    rows = known if is_usual.all() else known[is_usual]
+    seconds = _seconds_of(picked(log.stamps_ns, rows))
+    period_s = (
+        max(float(np.median(seconds, overwrite_input=True)), _LEAST_STEP_S) if seconds.size else _SPAN_S
+    )
+    del seconds
     rows = rows[:: max(1, round(_SPAN_S / period_s))]
     moves = _ranges_move(log, rows)
     poses = np.asarray(log.odometry[rows], dtype=np.float64)

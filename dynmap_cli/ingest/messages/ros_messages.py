@@ -223,7 +223,9 @@ def _clean_transforms(recording: RawRecording) -> None:
     """Name frames without slashes and drop what is no rotation; done once at the end, for tf is most of many bags."""
     found, recording.transforms = recording.transforms, {}
     for (parent, child), raw in found.items():
-        is_pose = _are_transforms(raw.values) & are_stamps(raw.stamps_ns)
+        is_pose = _are_transforms(raw.values)
+        is_pose &= are_stamps(raw.stamps_ns)
+        raw.give_back()
         if not is_pose.all():
             recording.dropped["transform that is no pose or has no possible time"] += int(
                 np.count_nonzero(~is_pose)
@@ -242,7 +244,7 @@ def _clean_transforms(recording: RawRecording) -> None:
 def _are_transforms(values: F64) -> B1:
     """(n,) which rows x, y, z, qx, qy, qz, qw (n, 7) are poses; in blocks, to save memory."""
     is_pose = np.zeros(values.shape[0], dtype=bool)
-    for rows in spans(is_pose.size):
+    for rows in spans(is_pose.size, values):
         part = values[rows]
         length = (np.clip(part[:, 3:], -_CLIPPED, _CLIPPED) ** 2).sum(axis=1)
         is_pose[rows] = (np.abs(part[:, :3]) <= FARTHEST_M).all(axis=1)

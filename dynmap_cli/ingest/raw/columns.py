@@ -12,7 +12,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynmap_cli.arrays import B1, F32, I64
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.mapped import give_back, mapping_of
 from dynmap_cli.files.tables import new_table
 
@@ -308,14 +308,46 @@ def put_rows(table: F32, numbers: I64, values: F32) -> None:
         give_back(table)
 
 
-def spans(n_rows: int) -> Iterator[slice]:
-    """Yield rows in blocks, for what would take many times the memory of its result if done for all at once."""
+def spans(n_rows: int, *columns: Values) -> Iterator[slice]:
+    """Yield rows in blocks, for what would take many times the memory of its result if done for all at once.
+
+    After each block the pages of the columns, which are read there, leave the memory.
+    """
     for start in range(0, n_rows, _ROWS_AT_ONCE):
         yield slice(start, min(start + _ROWS_AT_ONCE, n_rows))
+        for column in columns:
+            give_back(column)
+
+
+def steps_in(values: Values) -> Iterator[Values]:
+    """Yield the differences between the numbers (n,) of a column and those before them, block by block."""
+    for rows in spans(values.shape[0] - 1, values):
+        yield np.diff(values[rows.start : rows.stop + 1])
+
+
+def ascends(values: Values) -> bool:
+    """Whether no number (n,) is smaller than the one before."""
+    return all((steps >= 0).all() for steps in steps_in(values))
+
+
+def counts_of(values: I32, n_values: int) -> I64:
+    """(n_values,) how often 0, 1, ... occur in a column (n,)."""
+    counts = np.zeros(n_values, dtype=np.int64)
+    for rows in spans(values.shape[0], values):
+        counts += np.bincount(values[rows], minlength=n_values)
+    return counts
+
+
+def known_rows(poses: F64) -> B1:
+    """(n,) which rows (n, 3) are finite."""
+    known = np.empty(poses.shape[0], dtype=bool)
+    for rows in spans(known.size, poses):
+        known[rows] = np.isfinite(poses[rows]).all(axis=1)
+    return known
 
 
 def picked(values: Values, rows: I64) -> Values:
     """Some rows (n,) of an array; the array itself, not a copy, where they are all of them in their order."""
-    if rows.size == values.shape[0] and (np.diff(rows) == 1).all():
+    if rows.size == values.shape[0] and all((steps == 1).all() for steps in steps_in(rows)):
         return values
     return np.asarray(values[rows])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
-from dynmap_cli.ingest.raw.columns import Growing, RangeStore
+from dynmap_cli.ingest.raw.columns import Growing, RangeStore, counts_of, steps_in
 
 
 class ScanShape(NamedTuple):
@@ -143,9 +143,9 @@ class RawLaser:
 
     def taken_ranges(self) -> F32 | None:
         """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one file in order."""
-        lengths, places = self.n_beams, self._places.rows
-        width = int(lengths[0])
-        if (lengths != width).any() or (places != width * np.arange(places.size)).any():
+        places, widths = self._places.rows, self.lengths_counted[0]
+        width = int(widths[0])
+        if widths.size > 1 or int(places[0]) or any((steps != width).any() for steps in steps_in(places)):
             return None
         return self._ranges.as_table(places.size, width)
 
@@ -182,6 +182,19 @@ class RawLaser:
         return np.asarray(self._lengths[self.shape_index])
 
     @property
+    def lengths_counted(self) -> tuple[I64, I64]:
+        """Numbers of beams (k,) that occur, ascending, and how many sweeps have each."""
+        lengths, number = np.unique(self._lengths, return_inverse=True)
+        counts = np.zeros(lengths.size, dtype=np.int64)
+        np.add.at(counts, number, self._shape_counts)
+        return lengths[counts > 0], counts[counts > 0]
+
+    @property
+    def _shape_counts(self) -> I64:
+        """How many sweeps have each shape of the table."""
+        return counts_of(self.shape_index, len(self.shape_table))
+
+    @property
     def _lengths(self) -> I64:
         """Beams of each shape in the table."""
         return np.array([shape.n_beams for shape in self.shape_table], dtype=np.int64)
@@ -204,7 +217,7 @@ class RawLaser:
     @property
     def usual_shape(self) -> ScanShape:
         """The shape of most sweeps; single damaged ones must not decide for the others."""
-        counts = np.bincount(self.shape_index)
+        counts = self._shape_counts
         most = np.flatnonzero(counts == counts.max())
         first = 0 if most.size == 1 else int(np.argmax(np.isin(self.shape_index, most)))
         return self.shape_table[int(most[0])] if most.size == 1 else self.shape_of(first)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dynmap_cli.arrays import F64, I64
-from dynmap_cli.ingest.raw.columns import Growing
+from dynmap_cli.ingest.raw.columns import Growing, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 
 
@@ -187,7 +187,7 @@ def file_name(name: str) -> str:
 
 def sorted_by_stamp(stamps_ns: I64, rows: F64) -> tuple[I64, F64]:
     """Return stamps (n,) in ascending order with their rows (n, width); of equal stamps the first counts."""
-    if (np.diff(stamps_ns) > 0).all():
+    if all((steps > 0).all() for steps in steps_in(stamps_ns)):
         return stamps_ns, rows
     unique, first = np.unique(stamps_ns, return_index=True)
     return unique, rows[first]
