@@ -15,8 +15,10 @@ from dynmap_cli.mapping.loops import WINDOWS_M, Loop, LoopSearch, are_companions
 
 _ATTEMPTS, _SUSPECTS = 6, 4
 _REPAIR_FROM = 0.01
-"""Share of contradicting places from which on a repair is tried. Where a place changed, right maps have some, too;
+"""Share of contradicting places above which a repair is tried. Where a place changed, right maps have some, too;
 there nothing makes them fewer, and nothing is kept."""
+_REPAIR_FROM_PAIRS = 3
+"""So many contradicting places are enough: one bent corridor is a small share of a large site."""
 
 Solve = Callable[[Sequence[Loop], F64], F64]
 """Poses of the anchors (n_maps, 3) that loops lead to, from a start."""
@@ -46,16 +48,21 @@ def repair(search: LoopSearch, poses: F64, solve: Solve, note: Callable[[str], N
     """
     share, bad = search.contradictions(poses)
     for _ in range(_ATTEMPTS):
-        if share <= _REPAIR_FROM:
+        if not _is_wrong(share, bad):
             break
         before = share
         poses, share, bad = _with_more(search, poses, share, bad, solve)
-        if share > _REPAIR_FROM:
+        if _is_wrong(share, bad):
             poses, share, bad = _with_fewer(search, poses, share, bad, solve)
         if share >= before:
             break
         note(f"repair: contradictions fell from {100 * before:.0f} to {100 * share:.0f} %")
     return poses, share, bad
+
+
+def _is_wrong(share: float, bad: list[tuple[int, int]]) -> bool:
+    """Whether places contradict each other so often that the map is to be repaired."""
+    return share > _REPAIR_FROM or len(bad) >= _REPAIR_FROM_PAIRS
 
 
 def _with_more(

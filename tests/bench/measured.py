@@ -17,6 +17,7 @@ from typing import Any, TypeVar, cast
 PROJECT = Path(__file__).resolve().parents[2]
 WORLDS = PROJECT / "configs" / "worlds"
 SAMPLES = PROJECT / "sample_logs"
+_LAUNCHER = Path(__file__).with_name("launcher.py")
 T = TypeVar("T")
 AT_ONCE = 2
 """Processes that run side by side; CPU seconds are reported, not wall time."""
@@ -38,21 +39,18 @@ def run(words: list[object], *, log: Path) -> Cost:
     """Run a command with one thread and wait for it; raises FailedError with its last line."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open("wb") as stream:
-        process = subprocess.Popen(
-            [str(word) for word in words],
-            stdout=stream,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            cwd=PROJECT,
-        )
-        _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
+    started = subprocess.run(
+        [sys.executable, "-I", "-S", _LAUNCHER, log, *map(str, words)],
+        stdout=subprocess.PIPE,
+        env=environment,
+        cwd=PROJECT,
+        check=True,
+    )
+    exit_code, cpu_s, peak_bytes = json.loads(started.stdout)
+    if exit_code != 0:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        raise FailedError(f"exit code {process.returncode}: {lines[-1] if lines else 'nothing printed'}")
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / unit)
+        raise FailedError(f"exit code {exit_code}: {lines[-1] if lines else 'nothing printed'}")
+    return Cost(cpu_s, peak_bytes / 2**20)
 
 
 def python(*words: object, log: Path) -> Cost:

@@ -40,6 +40,7 @@ from tests.bench import (
     real_logs,
     robustness,
     segmentation,
+    sites,
     states,
     verdict,
 )
@@ -75,6 +76,7 @@ LONG_TABLES: dict[str, Callable[[Bench], list[Table]]] = {
     "verdict": verdict.tables,
     "paper": paper_localization.tables,
     "kills": kills.tables,
+    "sites": sites.tables,
     "long": long_recording.tables,
 }
 

@@ -67,6 +67,29 @@ def test_a_right_map_is_left_as_it_is(ring):
     assert said == []
 
 
+class InALargeSite(LoopSearch):
+    """What contradicts is a small share, as elsewhere many more places are right."""
+
+    def contradictions(self, poses):
+        share, bad = super().contradictions(poses)
+        return share / 1000, bad
+
+
+def test_a_wrong_piece_of_a_large_site_is_repaired(ring):
+    search, true, solve = searched(ring)
+    search.round(true, 1.0)
+    fit, last = search.loops[0].fit, len(true) - 20
+    wrong = compose(between(true[last], true[1]), np.array([1.5, 2.0, 0.3]))
+    large = InALargeSite(
+        search.maps, LoopParams(), search.drives, [Loop(last, 1, replace(fit, pose=wrong), 0.0, 0.0)]
+    )
+    bent = solve(large.loops, true)
+    assert large.contradictions(bent)[0] < 0.01
+    repaired, _, bad = repair(large, bent, solve, lambda _: None)
+    assert len(bad) < 3
+    assert np.abs(repaired - true)[:, :2].max() < 0.3
+
+
 @pytest.mark.parametrize("others_can_be_found", [True, False])
 def test_a_wrong_loop_is_outvoted_or_taken_out(ring, others_can_be_found):
     search, true, solve = searched(ring)
