@@ -229,11 +229,11 @@ def columns_of(
     Parameters
     ----------
     lasers : sequence of RawLaser
+        A single one may lose its ranges to the columns.
     dropped : Counter
         Copies of sweeps are added to it.
     folder : Path or None
-        On which disk ranges lie that do not fit into memory; where there is one, a laser may lose its ranges to the
-        columns.
+        On which disk ranges lie that do not fit into memory.
     """
     table: dict[tuple[int, ScanShape], int] = {}
     stamps, numbers, geometry, recording = [], [], [], []
@@ -269,7 +269,7 @@ def columns_of(
 
 def _in_order(lasers: Sequence[RawLaser], order: I64, folder: Path | None) -> F32:
     """Ranges (n, widest) of all lasers, one after the other, in the given order; missing beams are NaN."""
-    if folder is not None and len(lasers) == 1 and (np.diff(order) == 1).all():
+    if len(lasers) == 1 and (np.diff(order) == 1).all():
         taken = lasers[0].taken_ranges()
         if taken is not None:
             return taken

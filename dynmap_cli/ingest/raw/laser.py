@@ -142,7 +142,7 @@ class RawLaser:
         self._ranges.fill(into, self._places.rows[numbers], lengths)
 
     def taken_ranges(self) -> F32 | None:
-        """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one file in order."""
+        """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one piece in order."""
         lengths, places = self.n_beams, self._places.rows
         width = int(lengths[0])
         if (lengths != width).any() or (places != width * np.arange(places.size)).any():
