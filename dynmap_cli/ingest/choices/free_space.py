@@ -113,7 +113,7 @@ def _crosses_solid(length_m: F64, angle_rad: F64, origins_m: F64, farthest_m: fl
     starts = tuple(np.repeat(column, length_m.shape[1]) for column in origins_m.T)
 
     def cells(counts: I64, along_m: F64) -> I64:
-        """Flat cell numbers of points, so many on each beam; all lie beyond zero, where cutting off is rounding down."""
+        """Flat cell numbers of points, so many on each beam; all beyond zero, where cutting off is rounding down."""
         x, y = (
             ((np.repeat(start, counts) + along_m * np.repeat(part, counts)) / _STEP_M).astype(np.int64)
             for start, part in zip(starts, direction, strict=True)
