@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags through rosbags: the one module that knows this library, whose minor versions differ."""
+"""ROS 1 and ROS 2 bags through rosbags; like `db3_opening` tied to this library, whose minor versions differ."""
 
 from __future__ import annotations
 
