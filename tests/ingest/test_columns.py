@@ -87,6 +87,23 @@ def test_sweeps_come_back_from_the_store_in_any_order(lengths, seed, in_file):
         assert (table[row, lengths[number] :] == -1.0).all()
 
 
+@pytest.mark.parametrize("in_file", [False, True])
+def test_a_store_becomes_a_table_unless_another_one_holds_the_same_numbers(in_file, monkeypatch):
+    monkeypatch.setattr(columns, "_MOST_IN_MEMORY_BYTES", 100 if in_file else 1 << 20)
+    values = np.random.default_rng(3).random((40, 7)).astype(np.float32)
+    alone, joined, other = RangeStore(), RangeStore(), RangeStore()
+    for rows in (slice(0, 1), slice(1, 5), slice(5, 40)):
+        alone.add(values[rows])
+        other.add(values[rows])
+    table = alone.as_table(40, 7)
+    np.testing.assert_array_equal(table, values)
+    table[3] = 0.0
+    np.testing.assert_array_equal(alone.read(21, 28), table[3])
+    joined.take_over(other)
+    assert joined.as_table(40, 7) is None
+    assert other.as_table(40, 7) is None
+
+
 def test_tables_in_a_file_are_like_those_in_memory(tiny):
     values = np.random.default_rng(1).random((40, 7)).astype(np.float32)
     table = new_table(40, 7, None)

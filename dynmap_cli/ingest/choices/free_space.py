@@ -112,24 +112,24 @@ def _crosses_solid(length_m: F64, angle_rad: F64, origins_m: F64, farthest_m: fl
     n_cells = int(np.ceil((origins_m.max() + farthest_m) / _STEP_M)) + 2
     starts = tuple(np.repeat(column, length_m.shape[1]) for column in origins_m.T)
 
-    def cells(beams: I64, along_m: F64) -> I64:
-        """Flat cell numbers of points on beams; all lie beyond zero, where cutting off is rounding down."""
+    def cells(counts: I64, along_m: F64) -> I64:
+        """Flat cell numbers of points, so many on each beam; all beyond zero, where cutting off is rounding down."""
         x, y = (
-            ((start[beams] + along_m * part[beams]) / _STEP_M).astype(np.int64)
+            ((np.repeat(start, counts) + along_m * np.repeat(part, counts)) / _STEP_M).astype(np.int64)
             for start, part in zip(starts, direction, strict=True)
         )
         return np.asarray(x * n_cells + y)
 
-    ending = np.flatnonzero(lengths_m < farthest_m)
-    hits = np.bincount(cells(ending, lengths_m[ending]), minlength=n_cells**2)
+    ends = lengths_m < farthest_m
+    hits = np.bincount(cells(ends.astype(np.int64), lengths_m[ends]), minlength=n_cells**2)
     # Points at fixed steps before the end of each beam, those of one beam after those of another.
     steps_m = np.arange(_STEP_M, farthest_m, _STEP_M)
     counts = np.searchsorted(steps_m, lengths_m - _BEFORE_END_M)
-    beams = np.repeat(np.arange(counts.size), counts)
-    numbers = np.arange(beams.size) - np.repeat(np.cumsum(counts) - counts, counts)
-    samples = cells(beams, steps_m[numbers])
-    passes = np.bincount(samples[np.isfinite(lengths_m)[beams]], minlength=n_cells**2)
+    numbers = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    samples = cells(counts, steps_m[numbers])
+    of_endless = samples[np.repeat(np.isinf(lengths_m), counts)]
+    passes = np.bincount(samples, minlength=n_cells**2) - np.bincount(of_endless, minlength=n_cells**2)
     is_solid = (hits >= _LEAST_HITS) & (hits >= _SOLID * (hits + passes))
     crosses = np.zeros(lengths_m.size, dtype=bool)
-    crosses[beams[is_solid[samples]]] = True
+    crosses[np.repeat(np.arange(counts.size), counts)[is_solid[samples]]] = True
     return crosses.reshape(length_m.shape)

@@ -232,11 +232,11 @@ def columns_of(
     Parameters
     ----------
     lasers : sequence of RawLaser
+        A single one may lose its ranges to the columns.
     dropped : Counter
         Copies of sweeps are added to it.
     folder : Path or None
-        On which disk ranges lie that do not fit into memory; where there is one, a laser may lose its ranges to the
-        columns.
+        On which disk ranges lie that do not fit into memory.
     """
     table: dict[tuple[int, ScanShape], int] = {}
     numbers, geometry = [], []
@@ -276,7 +276,7 @@ def _joined(columns: Sequence[NDArray[Number]]) -> NDArray[Number]:
 
 def _in_order(lasers: Sequence[RawLaser], order: I64, folder: Path | None) -> F32:
     """Ranges (n, widest) of all lasers, one after the other, in the given order; missing beams are NaN."""
-    if folder is not None and len(lasers) == 1 and all((steps == 1).all() for steps in steps_in(order)):
+    if len(lasers) == 1 and all((steps == 1).all() for steps in steps_in(order)):
         taken = lasers[0].taken_ranges()
         if taken is not None:
             return taken

@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags through rosbags: the one module that knows this library, whose minor versions differ."""
+"""ROS 1 and ROS 2 bags through rosbags; like `db3_opening` tied to this library, whose minor versions differ."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1_reader
-from rosbags.rosbag2 import storage_mcap, storage_sqlite3
+from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks, is_orderly
 from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
 from dynmap_cli.ingest.containers.db3_blocks import count_orphans, db3_blocks
+from dynmap_cli.ingest.containers.db3_opening import Db3Reader, use_db3_reader
 from dynmap_cli.ingest.containers.mcap_chunks import are_orderly, ordered_messages
 from dynmap_cli.ingest.containers.mcap_records import (
     BROKEN_SUMMARY,
@@ -151,6 +152,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
             if file.suffix == ".mcap":
                 _check_summary(file)
         reader = AnyReader([path], default_typestore=_ros2_types())
+        for inner in reader.readers:
+            use_db3_reader(inner)
         inside: Any = [_UsedTypes(inner) for inner in reader.readers]
         reader.readers = inside
         reader.open()
@@ -299,7 +302,7 @@ def _files_of(inner: Any) -> list[Any]:
 def _tables_of(reader: AnyReader) -> list[Any]:
     """What reads each .db3 file."""
     files = [file for inner in reader.readers for file in _files_of(inner)]
-    return [file for file in files if isinstance(file, storage_sqlite3.Sqlite3Reader)]
+    return [file for file in files if isinstance(file, Db3Reader)]
 
 
 def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
@@ -324,7 +327,7 @@ def _from_storage(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, in
         return None
     storages = _files_of(inner)
     kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
-    if all(isinstance(storage, storage_sqlite3.Sqlite3Reader) for storage in storages):
+    if all(isinstance(storage, Db3Reader) for storage in storages):
         return _from_files(storages, kinds, db3_blocks)
     if all(
         isinstance(storage, storage_mcap.McapReader) and are_orderly(storage.chunks) for storage in storages

@@ -102,12 +102,19 @@ def _as_int64(logged_ns: Any) -> I64:
 def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:
     """Yield messages that come one by one, each behind the number of its channel and its time, half a MiB at a time."""
     n_at_once = _LEAST_AT_ONCE
-    while found := list(islice(rows, n_at_once)):
-        channels, logged_ns, data = zip(*found, strict=True)
+    while True:
+        channels, logged_ns, data = [], [], []
+        # No rows are kept, for each would be new memory.
+        for channel, stamp_ns, message in islice(rows, n_at_once):
+            channels.append(channel)
+            logged_ns.append(stamp_ns)
+            data.append(message)
+        if not data:
+            return
         block = block_of(data, channels, logged_ns)
         yield block
         n_at_once = min(
-            max(_BYTES_AT_ONCE * len(found) // (block.n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE
+            max(_BYTES_AT_ONCE * len(data) // (block.n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE
         )
 
 

@@ -142,41 +142,51 @@ class RangeStore:
         self._starts: list[int] = []
         self._parts: list[F32 | _InFile] = []
         self._size = 0
-        self._recent: list[F32] = []
+        self._is_shared = False
+        # What came last, in one piece with room for more.
+        self._room: F32 = np.zeros(0, dtype=np.float32)
         self._recent_size = 0
 
     def add(self, values: F32) -> int:
         """Add numbers, of any shape; returns the place of the first."""
         flat = np.ravel(values)
         place = self._size + self._recent_size
-        self._recent.append(flat)
-        self._recent_size += flat.size
         # The first ones may be all there are; later ones need not be held.
         most_bytes = _MOST_IN_MEMORY_BYTES if self._size == 0 else _MOST_OF_COLUMN_BYTES
-        if self._recent_size * flat.itemsize > most_bytes:
-            self._spill()
-        elif len(self._recent) > _MOST_PARTS:
-            self._recent = [np.concatenate(self._recent)]
+        most, end = most_bytes // self._room.itemsize, self._recent_size + flat.size
+        if end > most:
+            self._write(self._taken())
+            self._write(flat)
+            return place
+        if end > self._room.size:
+            self._room.resize(min(max(end, 2 * self._room.size), most), refcheck=False)
+        self._room[self._recent_size : end] = flat
+        self._recent_size = end
         return place
 
-    def _spill(self) -> None:
-        """Put what came last into the file."""
+    def _taken(self) -> F32:
+        """What came last, which is no longer held here."""
+        taken, size = self._room, self._recent_size
+        self._room, self._recent_size = np.zeros(0, dtype=np.float32), 0
+        taken.resize(size, refcheck=False)
+        return taken
+
+    def _write(self, values: F32) -> None:
+        """Put numbers into the file."""
         last = self._parts[-1] if self._parts else None
         if not isinstance(last, _InFile):
             # The file lives as long as the store.
             stream = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115
             last = _InFile(stream)
             self._append(last, 0)
-        for part in self._recent:
-            last.add(part)
-        self._size += self._recent_size
-        self._recent, self._recent_size = [], 0
+        last.add(values)
+        self._size += values.size
 
     def _settle(self) -> None:
         """Make what came last, and is not in a file, one part."""
-        if self._recent:
-            self._append(np.concatenate(self._recent), self._recent_size)
-            self._recent, self._recent_size = [], 0
+        if self._recent_size:
+            part = self._taken()
+            self._append(part, part.size)
 
     def _append(self, part: F32 | _InFile, size: int) -> None:
         self._starts.append(self._size)
@@ -187,6 +197,7 @@ class RangeStore:
         """Put what another store holds behind what is here; returns by how much its places move."""
         self._settle()
         other._settle()
+        self._is_shared = other._is_shared = True
         moved = self._size
         self._starts += [start + moved for start in other._starts]
         self._parts += other._parts
@@ -238,11 +249,13 @@ class RangeStore:
             into[row, :count] = part
 
     def as_table(self, n_rows: int, width: int) -> F32 | None:
-        """The numbers themselves as a table that can be written to, if they are in one file and as many as it has."""
+        """The numbers themselves as a table that can be written to, if they lie in one piece and fill it."""
         self._settle()
-        if not self._parts or self._size != n_rows * width:
+        if not self._parts or self._size != n_rows * width or self._is_shared:
             return None
         file, *rest = self._parts
+        if isinstance(file, np.ndarray) and not rest:
+            return file.reshape(n_rows, width)
         if not isinstance(file, _InFile) or any(isinstance(part, _InFile) for part in rest):
             return None
         for part in rest:

@@ -142,7 +142,7 @@ class RawLaser:
         self._ranges.fill(into, self._places.rows[numbers], lengths)
 
     def taken_ranges(self) -> F32 | None:
-        """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one file in order."""
+        """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one piece in order."""
         places, widths = self._places.rows, self.lengths_counted[0]
         width = int(widths[0])
         if widths.size > 1 or int(places[0]) or any((steps != width).any() for steps in steps_in(places)):
