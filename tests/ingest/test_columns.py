@@ -172,7 +172,8 @@ def test_memory_does_not_grow_with_the_ranges(tmp_path):
     n_beams, peaks = 720, []
     for n_scans in (1000, 3000):
         world = World(n_scans=n_scans, n_beams=n_beams, first_rad=-3.0, step_rad=6.0 / n_beams)
-        path = write_mcap(tmp_path / f"{n_scans}.mcap", world, "ros2")
+        # Chunks of a usual size: the reader keeps an index of them.
+        path = write_mcap(tmp_path / f"{n_scans}.mcap", world, "ros2", chunk_size=1 << 20)
         code = (
             "import sys, tracemalloc; from pathlib import Path\n"
             "import dynmap_cli.ingest.raw.columns as columns\n"
