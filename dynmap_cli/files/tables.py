@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynmap_cli.domain.mapped import give_back
 
 _MOST_IN_MEMORY_BYTES = 1 << 25
-_PIECE_BYTES, _ALIGNED_BYTES = 1 << 26, 64
+_PIECE_BYTES, _BYTES_AT_ONCE, _ALIGNED_BYTES = 1 << 26, 1 << 23, 64
 
 
 def new_table(n_rows: int, width: int, folder: Path | None, dtype: Any = np.float32) -> NDArray[Any]:
@@ -49,13 +49,12 @@ class Shelf:
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
         self._pieces: list[NDArray[np.uint8]] = []
-        self._used = 0
+        self._used = self._put_bytes = 0
 
     def put(self, array: NDArray[Any]) -> NDArray[Any]:
         """The same array on the shelf."""
         n_bytes = -(-array.nbytes // _ALIGNED_BYTES) * _ALIGNED_BYTES
         if not self._pieces or self._used + n_bytes > self._pieces[-1].size:
-            self.give_back()
             piece_bytes = _PIECE_BYTES if self._pieces else _MOST_IN_MEMORY_BYTES
             self._pieces.append(new_table(1, max(piece_bytes, n_bytes), self._folder, np.uint8)[0])
             self._used = 0
@@ -63,6 +62,10 @@ class Shelf:
         self._used += n_bytes
         kept: NDArray[Any] = room.view(array.dtype).reshape(array.shape)
         kept[...] = array
+        self._put_bytes += n_bytes
+        if self._put_bytes > _BYTES_AT_ONCE:
+            self.give_back()
+            self._put_bytes = 0
         return kept
 
     def give_back(self) -> None:
