@@ -24,15 +24,12 @@ def write_g2o(
         first_from_second.
     information : (m, 3, 3) float64
     """
-    lines = [
-        f"VERTEX_SE2 {node} {x:.6f} {y:.6f} {yaw:.9f}\n"
-        for node, (x, y, yaw) in zip(nodes.tolist(), poses.tolist(), strict=True)
-    ]
-    lines += [f"FIX {int(nodes[0])}\n"] if nodes.size else []
-    for a, b, (x, y, yaw), matrix in zip(
-        first.tolist(), second.tolist(), measured.tolist(), information, strict=True
-    ):
-        upper = (matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
-        numbers = " ".join(f"{value:.6g}" for value in upper)
-        lines.append(f"EDGE_SE2 {a} {b} {x:.6f} {y:.6f} {yaw:.9f} {numbers}\n")
-    path.write_text("".join(lines), encoding="ascii")
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        for node, (x, y, yaw) in zip(nodes, poses, strict=True):
+            stream.write(f"VERTEX_SE2 {node} {x:.6f} {y:.6f} {yaw:.9f}\n")
+        if nodes.size:
+            stream.write(f"FIX {int(nodes[0])}\n")
+        for a, b, (x, y, yaw), matrix in zip(first, second, measured, information, strict=True):
+            upper = (matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[1, 1], matrix[1, 2], matrix[2, 2])
+            numbers = " ".join(f"{value:.6g}" for value in upper)
+            stream.write(f"EDGE_SE2 {a} {b} {x:.6f} {y:.6f} {yaw:.9f} {numbers}\n")

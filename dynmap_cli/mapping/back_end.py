@@ -22,7 +22,7 @@ from dynmap_cli.mapping.edges import (
     scales,
 )
 from dynmap_cli.mapping.front_end import Registered
-from dynmap_cli.mapping.local_maps import Easel, LocalMap, anchors_of, make_local_maps
+from dynmap_cli.mapping.local_maps import Easel, LocalMaps, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.places import SAME_VISIT, representatives
 from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, Edges, join_edges, no_edges, optimise, robust_cost
@@ -33,7 +33,7 @@ _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002
 _PLACED_WINDOW_M = 2.0
 _DENSE_PARTNERS, _DENSE_REACH_M = 3, 6.0
 _DENSE_STEPS = 6
-_POSES_AT_ONCE = 1 << 16
+_POSES_AT_ONCE, _KEYS_AT_ONCE = 1 << 16, 1 << 12
 _DENSE_MIN_SEEN, _DENSE_MIN_MATCHED, _DENSE_MAX_RESIDUAL_M = 0.3, 0.6, 0.05
 
 
@@ -70,6 +70,10 @@ class Graph:
     rejected: dict[tuple[int, int], str] = field(default_factory=dict)
     contradictions: float = 0.0
     contradicting: tuple[tuple[int, int], ...] = ()
+
+    def without_edges(self) -> Graph:
+        """The same with no edges."""
+        return replace(self, edges=no_edges(), weights=np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +153,7 @@ def close_loops(
 
 
 def refine_graph(
-    sweeps: Sweeps, rays: Rays, front: Registered, graph: Graph, maps: list[LocalMap] | None = None
+    sweeps: Sweeps, rays: Rays, front: Registered, graph: Graph, maps: LocalMaps | None = None
 ) -> Graph:
     """Fit each key scan on the local maps around it, and optimise (dense refinement).
 
@@ -158,7 +162,7 @@ def refine_graph(
     sweeps, rays, front
         As for `close_loops`; the beams may have other weights than when the loops were found.
     graph : Graph
-    maps : list of LocalMap, optional
+    maps : LocalMaps, optional
         Made with these weights and nearly these poses; drawn anew without them.
     """
     keys = graph.keys
@@ -267,7 +271,7 @@ def _spread_to(rows: I64, nodes: I64, node_poses: F64, poses: F64) -> F64:
 
 
 def _dense_edges(
-    sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, poses: F64, maps: list[LocalMap], anchors: I64
+    sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, poses: F64, maps: LocalMaps, anchors: I64
 ) -> Edges:
     """Each key scan fitted on the local maps around it, of this pass and of others."""
     easel = Easel()
@@ -311,7 +315,9 @@ def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
     standing = _nearest(poses, anchors, representatives(poses[anchors]))
     others = _nearest(poses, anchors, np.arange(anchors.size))
     pairs: list[list[int]] = [[] for _ in anchors]
-    for node, candidates in enumerate(zip(own, standing, others, strict=True)):
+    # Row by row, as lists of all of them would take a kilobyte for each key scan.
+    rows = (map(np.ndarray.tolist, numbers) for numbers in (standing, others))
+    for node, candidates in enumerate(zip(own, *rows, strict=True)):
         chosen = [candidates[0]]
         for n_wanted, numbers in ((2, candidates[1]), (_DENSE_PARTNERS, candidates[2])):
             for number in numbers:
@@ -325,9 +331,13 @@ def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
     return [np.array(nodes, dtype=np.int64) for nodes in pairs]
 
 
-def _nearest(poses: F64, anchors: I64, numbers: I64) -> list[list[int]]:
-    """For each key scan those of some local maps that are within reach, nearest first; -1 = no more."""
+def _nearest(poses: F64, anchors: I64, numbers: I64) -> I32:
+    """For each key scan those of some local maps that are within reach (n, k), nearest first; -1 = no more."""
     k = min(8 * _DENSE_PARTNERS, numbers.size)
     tree = cKDTree(poses[anchors[numbers], :2])
-    _, rows = tree.query(poses[:, :2], k=[*range(1, k + 1)], distance_upper_bound=_DENSE_REACH_M)
-    return list(np.append(numbers, -1)[rows].tolist())
+    found, numbers = np.empty((poses.shape[0], k), dtype=np.int32), np.append(numbers, -1)
+    for first in range(0, poses.shape[0], _KEYS_AT_ONCE):
+        part = slice(first, first + _KEYS_AT_ONCE)
+        _, rows = tree.query(poses[part, :2], k=[*range(1, k + 1)], distance_upper_bound=_DENSE_REACH_M)
+        found[part] = numbers[rows]
+    return found

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, U8
+from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.registration import KEY, LOST, WIDE
 from dynmap_cli.progress import Tick, no_tick
@@ -66,12 +67,13 @@ def register(
         Told the number of scans done.
     """
     n_scans = sweeps.n_scans
-    matcher, found = ScanMatcher(rays, calibration, params), Matched.empty(n_scans)
+    matcher, found = ScanMatcher(rays, calibration, params), Matched.empty(n_scans, sweeps.folder)
     has_motion: U8 = np.asarray(np.isfinite(motion).all(axis=1)).astype(np.uint8)
     for first in range(0, n_scans, _SCANS_PER_CALL):
         last = min(first + _SCANS_PER_CALL, n_scans)
         matcher.match(first, last, sweeps, motion, has_motion, found)
         tick(last - first)
+        give_back(found.information)
     flags = found.flags
     return Registered(
         found.poses,

@@ -45,14 +45,14 @@ def _write_edges(path: Path, rows: I64, graph: Graph) -> None:
     """One line per edge of trajectory.g2o, in its order."""
     error = residuals(graph.poses, graph.edges)
     distance = np.sqrt(squared_distances(graph.poses, graph.edges))
-    lines = [EDGES_HEADER + "\n"]
-    for k in range(len(graph.edges)):
-        lines.append(
-            f"{rows[graph.edges.first[k]]},{rows[graph.edges.second[k]]},{_KINDS[graph.edges.kind[k]]},"
-            f"{np.hypot(error[k, 0], error[k, 1]):.6f},{abs(error[k, 2]):.6f},{distance[k]:.4f},"
-            f"{graph.weights[k]:.4f}\n"
-        )
-    path.write_text("".join(lines), encoding="ascii")
+    with path.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(EDGES_HEADER + "\n")
+        for k in range(len(graph.edges)):
+            stream.write(
+                f"{rows[graph.edges.first[k]]},{rows[graph.edges.second[k]]},{_KINDS[graph.edges.kind[k]]},"
+                f"{np.hypot(error[k, 0], error[k, 1]):.6f},{abs(error[k, 2]):.6f},{distance[k]:.4f},"
+                f"{graph.weights[k]:.4f}\n"
+            )
 
 
 def _write_loops(path: Path, stamps_ns: I64, rows: I64, graph: Graph) -> None:

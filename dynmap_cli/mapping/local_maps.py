@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.domain.poses import between
+from dynmap_cli.files.tables import Shelf
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.local_maps import (
     COARSE,
@@ -26,6 +28,7 @@ _MAX_POINTS, _HALF_CELLS = 20_000, 640
 _SPACING_M = 0.03
 _N_PLACES, _PROMISING = 6, 0.8
 _POINTS_TO_TRY, _POINTS_TO_FIT = 250, 1000
+_MAPS_IN_MEMORY, _SCANS_AT_ONCE = 256, 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,59 @@ class Fit:
         return self.matched / max(self.seen, 1e-9)
 
 
-def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_poses: F64) -> list[LocalMap]:
+class LocalMaps:
+    """Many local maps, by number, of which those that were asked for last are in memory.
+
+    A long recording has more than fit: ten hours some 20000 of 80 kB.
+
+    Parameters
+    ----------
+    folder : Path or None
+        On which disk the others lie; None = where temporary files are put.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._shelves = [Shelf(folder)]
+        self._maps: list[LocalMap] = []
+        self._n_asked = 0
+
+    def add(self, local_map: LocalMap) -> None:
+        """Put one behind those that are there."""
+        put = self._shelves[0].put
+        self._maps.append(
+            LocalMap(
+                local_map.anchor,
+                put(local_map.points),
+                put(local_map.normals),
+                put(local_map.packed_free),
+            )
+        )
+
+    def __add__(self, others: LocalMaps) -> LocalMaps:
+        """These and others."""
+        result = LocalMaps(None)
+        result._shelves = [*self._shelves, *others._shelves]
+        result._maps = [*self._maps, *others._maps]
+        return result
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._maps)
+
+    def __getitem__(self, number: int) -> LocalMap:
+        """One of them."""
+        self._n_asked += 1
+        if self._n_asked % _MAPS_IN_MEMORY == 0:
+            for shelf in self._shelves:
+                shelf.give_back()
+        return self._maps[number]
+
+    def __iter__(self) -> Iterator[LocalMap]:
+        """All of them, in their order."""
+        return (self[number] for number in range(len(self)))
+
+
+def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_poses: F64) -> LocalMaps:
     """Collect a local map around every tenth key scan of each drive.
 
     Parameters
@@ -95,10 +150,10 @@ def make_local_maps(sweeps: Sweeps, rays: Rays, twists: F64, keys: I64, key_pose
     key_poses : (n_keys, 3) float64
         Their poses, which are good over a few metres.
     """
-    collector, maps = Collector(sweeps, rays), []
+    collector, maps = Collector(sweeps, rays), LocalMaps(sweeps.folder)
     for anchor, members in _members(sweeps.drive_index[keys]):
         poses = between(key_poses[anchor], key_poses[members])
-        maps.append(collector.collect(anchor, keys[members], poses, twists))
+        maps.add(collector.collect(anchor, keys[members], poses, twists))
     return maps
 
 
@@ -149,7 +204,7 @@ def _members(drive_index: I32) -> Iterator[tuple[int, I64]]:
         first = last
 
 
-def anchors_of(maps: list[LocalMap]) -> I64:
+def anchors_of(maps: LocalMaps) -> I64:
     """(n_maps,) numbers of the key scans in the middle of local maps."""
     return np.array([local_map.anchor for local_map in maps], dtype=np.int64)
 
@@ -233,21 +288,24 @@ class Easel:
         """
         drawn = self._require()
         poses, information, judged = starts.copy(), np.zeros((scans.size, 3, 3)), np.zeros((scans.size, 4))
-        fit_scans(
-            *sweeps.read(scans),
-            sweeps.geometry_index[scans],
-            rays,
-            twists[scans],
-            _SPACING_M,
-            drawn.points,
-            drawn.normals,
-            self._free,
-            self._index,
-            self._field,
-            poses,
-            information,
-            judged,
-        )
+        # To a place that is often come back to there are thousands.
+        for first in range(0, scans.size, _SCANS_AT_ONCE):
+            part = slice(first, first + _SCANS_AT_ONCE)
+            fit_scans(
+                *sweeps.read(scans[part]),
+                sweeps.geometry_index[scans[part]],
+                rays,
+                twists[scans[part]],
+                _SPACING_M,
+                drawn.points,
+                drawn.normals,
+                self._free,
+                self._index,
+                self._field,
+                poses[part],
+                information[part],
+                judged[part],
+            )
         return poses, information, judged
 
     def judge(self, points: F32, pose: F64) -> Fit:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from dynmap_cli.arrays import B1, F64, I32, I64
 from dynmap_cli.domain.poses import between, compose, inverse, wrap_angle
-from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMap
+from dynmap_cli.mapping.local_maps import Easel, Fit, LocalMaps
 from dynmap_cli.mapping.places import SAME_VISIT, representatives
 
 WINDOWS_M = (1.0, 3.0, 8.0, 12.0)
@@ -84,7 +84,7 @@ class LoopSearch:
 
     Attributes
     ----------
-    maps : list of LocalMap
+    maps : LocalMaps
     params : LoopParams
     loops : list of Loop
         Accepted so far.
@@ -96,7 +96,7 @@ class LoopSearch:
         Which drive each map is of, ascending. Where there are several, only pairs of different drives are tried.
     """
 
-    maps: list[LocalMap]
+    maps: LocalMaps
     params: LoopParams
     drives: I32
     loops: list[Loop] = field(default_factory=list)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -12,7 +14,7 @@ from scipy.spatial import cKDTree
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.poses import between, compose, inverse, transform_points, wrap_angle
 from dynmap_cli.kernels.likelihood import field_log_likelihoods
-from dynmap_cli.mapping.local_maps import Easel, LocalMap
+from dynmap_cli.mapping.local_maps import Easel, LocalMaps
 from dynmap_cli.mapping.loops import LoopParams, why_not
 
 _CELL_M, _MARGIN_M = 0.1, 1.0
@@ -37,12 +39,12 @@ class Places:
 
     Attributes
     ----------
-    maps : list of LocalMap
+    maps : LocalMaps
     poses : (n_maps, 3) float64
         frame_from_anchor.
     """
 
-    maps: list[LocalMap]
+    maps: LocalMaps
     poses: F64
 
     def moved(self, frame_from_this: F64) -> Places:
@@ -52,9 +54,8 @@ class Places:
 
 def joined_places(parts: Sequence[Places]) -> Places:
     """All places of several sets in the same frame."""
-    return Places(
-        [each for part in parts for each in part.maps], np.concatenate([part.poses for part in parts])
-    )
+    first, *others = (part.maps for part in parts)
+    return Places(reduce(add, others, first), np.concatenate([part.poses for part in parts]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,21 +197,25 @@ def _check(pose: F64, site: Places, drive: Places, easel: Easel) -> _Check:
     return _Check(n_for, len(fits_well) - n_for, float(np.mean(qualities)) if qualities else 0.0)
 
 
+def _points_of(site: Places) -> Iterator[F64]:
+    """Yield the points (n, 2) of each local map that has any, in the frame of the site."""
+    for pose, each in zip(site.poses, site.maps, strict=True):
+        if each.points.size:
+            yield transform_points(pose, each.points.astype(np.float64))
+
+
 class _Field:
     """Distance field of all points of a site, and the lattice of positions on it."""
 
     def __init__(self, site: Places) -> None:
-        points = np.concatenate(
-            [
-                transform_points(pose, each.points.astype(np.float64))
-                for pose, each in zip(site.poses, site.maps, strict=True)
-            ]
-        )
-        self._origin = points.min(axis=0) - _MARGIN_M
-        cols, rows = (np.ceil((points.max(axis=0) + _MARGIN_M - self._origin) / _CELL_M) + 1).astype(int)
+        ends = [(points.min(axis=0), points.max(axis=0)) for points in _points_of(site)]
+        self._origin = np.min([low for low, _ in ends], axis=0) - _MARGIN_M
+        high = np.max([high for _, high in ends], axis=0)
+        cols, rows = (np.ceil((high + _MARGIN_M - self._origin) / _CELL_M) + 1).astype(int)
         is_free = np.ones((rows, cols), dtype=bool)
-        at = ((points - self._origin) / _CELL_M).astype(int)
-        is_free[at[:, 1], at[:, 0]] = False
+        for points in _points_of(site):
+            at = ((points - self._origin) / _CELL_M).astype(int)
+            is_free[at[:, 1], at[:, 0]] = False
         sigmas = np.minimum(distance_transform_edt(is_free) * (_CELL_M / _SIGMA_M), _FARTHEST_SIGMAS)
         self._pool: F32 = (-0.5 * sigmas**2).astype(np.float32).ravel()
         self._rows, self._cols = int(rows), int(cols)

@@ -45,10 +45,8 @@ class Registrar:
         The sweeps of the drive.
     calibration : Calibration
         Of the odometry.
-    graph : Graph or None
-        None before the first registration.
     front : Registered or None
-        Likewise.
+        None before the first registration.
     wheel_faults : tuple of WheelFault
         Where the odometry was not believed.
     carries : tuple of Carry
@@ -63,7 +61,6 @@ class Registrar:
         if is_crowded:
             self._params = replace(self._params, independent_share=_CROWDED_SHARE)
         self.calibration = Calibration()
-        self.graph: Graph | None = None
         self.front: Registered | None = None
         self.wheel_faults: tuple[WheelFault, ...] = ()
         self.carries: tuple[Carry, ...] = ()
@@ -81,7 +78,7 @@ class Registrar:
             For the progress bar.
         """
         # What the round before found is as large as what this one finds.
-        self.front = self.graph = None
+        self.front = None
         if not self._is_calibrated:
             self.calibration = self._calibrate(sweeps)
             self._is_calibrated = True
@@ -103,8 +100,7 @@ class Registrar:
             find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
         )
         self.front = front
-        self.graph = close_loops(sweeps, self.rays, front, LoopParams(), _log.debug)
-        return front, self.graph
+        return front, close_loops(sweeps, self.rays, front, LoopParams(), _log.debug)
 
     def _match(self, sweeps: Sweeps, motion: F64, first: int, last: int) -> Registered:
         """The scans first..last - 1 without those before."""

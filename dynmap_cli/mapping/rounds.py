@@ -109,7 +109,7 @@ def build_filter_map(
         crowd = crowd_weights(log, settings.usable_range_m, threads=threads, folder=folder)
     if crowd is not None:
         _log.info("a crowd: the path is found without the beams that move by the odometry of a few seconds")
-    site = Site(log, settings, is_crowded=crowd is not None)
+    site = Site(log, settings, is_crowded=crowd is not None, folder=folder)
     known: F32 | None = None
     spare: F32 | None = None
     poses: F64 | None = None

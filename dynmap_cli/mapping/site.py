@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,8 +47,10 @@ class Site:
         Of the key scans of all drives.
     """
 
-    def __init__(self, log: ScanLog, settings: MapSettings, *, is_crowded: bool = False) -> None:
-        self.log, self._settings = log, settings
+    def __init__(
+        self, log: ScanLog, settings: MapSettings, *, is_crowded: bool = False, folder: Path | None = None
+    ) -> None:
+        self.log, self._settings, self._folder = log, settings, folder
         self.drives: tuple[Registrar, ...] = ()
         if settings.poses != "recorded":
             self.drives = tuple(
@@ -63,7 +66,7 @@ class Site:
         """(n_scans, 3) poses in the order of the log, with the beams weighted by e (Eq. 1.11)."""
         if self._settings.poses == "recorded":
             return np.array(self.log.odometry)
-        sweeps = sweeps_of(self.log, weights)
+        sweeps = sweeps_of(self.log, weights, self._folder)
         is_first = self._front is None
         if self._front is None or self.graph is None or not _few_are_dynamic(weights):
             self._front = self.graph = None
@@ -74,7 +77,9 @@ class Site:
             # Hardly anything was filtered: the registration stands, only the poses are fitted again.
             is_last = True
         if is_last:
-            self.graph = refine_graph(sweeps, self._rays, self._front, self.graph)
+            # Its edges are measured anew, and are as many.
+            graph, self.graph = self.graph.without_edges(), None
+            self.graph = refine_graph(sweeps, self._rays, self._front, graph)
         in_order = spread_to_scans(self._front, self.graph, sweeps.drive_index)
         poses = np.empty_like(in_order)
         poses[np.argsort(self.log.arrival_index, kind="stable")] = in_order

@@ -16,8 +16,9 @@ from dynmap_cli.stage import Stage, StageContext
 if TYPE_CHECKING:
     from dynmap_cli.mapping.rounds import Round
 
-_BYTES_PER_BEAM, _BYTES_PER_SCAN = 10, 200
-"""Two tables of e and one of what is unknown, or one of each and beams.npz; the trajectory."""
+_BYTES_PER_BEAM, _BYTES_PER_SCAN = 10, 1000
+"""Two tables of e and one of what is unknown, or one of each and beams.npz; the trajectory, and local maps: 80 kB for
+ten key scans, of which a robot on its way makes one of ten scans."""
 
 
 def needs(context: StageContext) -> tuple[str, int]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from dynmap_cli.arrays import F64, U8
+from dynmap_cli.files.tables import new_table
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.matching import SIZE
 from dynmap_cli.kernels.registration import register_scans
@@ -96,12 +98,12 @@ class Matched:
     flags: U8
 
     @classmethod
-    def empty(cls, n_scans: int) -> Matched:
-        """Rows of zeros."""
+    def empty(cls, n_scans: int, folder: Path | None = None) -> Matched:
+        """Rows of zeros; what takes most memory is mapped from a file on the disk of *folder* where they are many."""
         return cls(
             np.zeros((n_scans, 3)),
             np.zeros(n_scans),
-            np.zeros((n_scans, 3, 3)),
+            new_table(n_scans, 9, folder, np.float64).reshape(n_scans, 3, 3),
             np.zeros((n_scans, 3)),
             np.zeros(n_scans, dtype=np.uint8),
         )

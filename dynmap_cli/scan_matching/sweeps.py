@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -31,6 +32,8 @@ class Sweeps:
         Ascending.
     drive_index : (n_scans,) int32
         Ascending.
+    folder : Path or None
+        Where is put what is made of them and takes much memory; None = where temporary files are put.
     """
 
     table_m: F32
@@ -40,6 +43,7 @@ class Sweeps:
     odometry: F64
     times_s: F64
     drive_index: I32
+    folder: Path | None = None
 
     @property
     def n_scans(self) -> int:
@@ -76,10 +80,11 @@ class Sweeps:
             self.odometry[scans],
             self.times_s[scans],
             self.drive_index[scans],
+            self.folder,
         )
 
 
-def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
+def sweeps_of(log: ScanLog, weights: F32 | None, folder: Path | None = None) -> Sweeps:
     """Columns in the order in which the sweeps were made; *weights* are in the order of the log."""
     order = np.argsort(log.arrival_index, kind="stable").astype(np.int64)
     return Sweeps(
@@ -90,6 +95,7 @@ def sweeps_of(log: ScanLog, weights: F32 | None) -> Sweeps:
         odometry=np.array(log.odometry[order]),
         times_s=times_of(log),
         drive_index=np.array(log.drive_index[order]),
+        folder=folder,
     )
 
 

@@ -15,7 +15,8 @@ from dynmap_cli.ingest.raw.columns import counts_of, known_rows, picked, spans
 _SAME_POSE = 1e-9
 _MOVED_M, _SPAN_S = 0.05, 0.5
 _JUMP_M, _JUMP_M_PER_S = 1.0, 20.0
-_SCANS_PER_CHUNK = 256
+_SCANS_PER_CHUNK = 64
+"""The rows lie far apart, and the system maps some 300 kB around each that is read from a file."""
 _FAST_QUANTILE, _LEAST_STEP_S = 0.99, 1e-3
 
 
