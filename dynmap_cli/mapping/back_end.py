@@ -304,11 +304,10 @@ def _dense_edges(
 def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
     """For each local map the key scans that are to be fitted on it.
 
-    Those are, for a key scan, the maps before and after it that it is no part of, the nearest of those that stand for
-    the place, and the nearest of all others, each of another visit. The front end is a filter: it fits a scan on those
-    before it alone, and what is wrong there at first stays in the path. With the maps before and after, the graph
-    becomes a smoother (Lu and Milios, 1997). Its own map says nothing new: the scan lies in it where the front end put
-    it.
+    Those are, for a key scan, its own map, the maps before and after it that it is no part of, the nearest of those
+    that stand for the place, and the nearest of all others, each of another visit. The front end is a filter: it fits
+    a scan on those before it alone, and what is wrong there at first stays in the path. With the maps before and after,
+    the graph becomes a smoother (Lu and Milios, 1997).
     """
     own = np.searchsorted((anchors[1:] + anchors[:-1]) / 2, np.arange(poses.shape[0]))
     around = own[:, None] + np.array([-SAME_VISIT, SAME_VISIT])
@@ -326,7 +325,7 @@ def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
                     break
                 if all(abs(number - other) > SAME_VISIT for other in apart):
                     apart.append(number)
-        for number in (*around[node].tolist(), *apart[1:]):
+        for number in (*apart, *around[node].tolist()):
             if number >= 0 and anchors[number] != node:
                 pairs[number].append(node)
     return [np.array(nodes, dtype=np.int64) for nodes in pairs]
