@@ -308,25 +308,31 @@ def _dense_edges(
 def _dense_pairs(poses: F64, anchors: I64) -> list[I64]:
     """For each local map the key scans that are to be fitted on it.
 
-    Those are, for a key scan, its own map, the nearest of those that stand for the place, and the nearest of all
-    others, each of another visit.
+    Those are, for a key scan, its own map, the maps before and after it that it is no part of, the nearest of those
+    that stand for the place, and the nearest of all others, each of another visit. The front end is a filter: it fits
+    a scan on those before it alone, and what is wrong there at first stays in the path. With the maps before and after,
+    the graph becomes a smoother (Lu and Milios, 1997).
     """
-    own = np.searchsorted((anchors[1:] + anchors[:-1]) / 2, np.arange(poses.shape[0])).tolist()
+    own = np.searchsorted((anchors[1:] + anchors[:-1]) / 2, np.arange(poses.shape[0]))
+    around = own[:, None] + np.array([-SAME_VISIT, SAME_VISIT])
+    there = np.clip(around, 0, anchors.size - 1)
+    distance = np.linalg.norm(poses[anchors[there], :2] - poses[:, None, :2], axis=2)
+    around[(around != there) | (distance > _DENSE_REACH_M)] = -1
     standing = _nearest(poses, anchors, representatives(poses[anchors]))
     others = _nearest(poses, anchors, np.arange(anchors.size))
     pairs: list[list[int]] = [[] for _ in anchors]
     # Row by row, as lists of all of them would take a kilobyte for each key scan.
     rows = (map(np.ndarray.tolist, numbers) for numbers in (standing, others))
-    for node, candidates in enumerate(zip(own, *rows, strict=True)):
-        chosen = [candidates[0]]
-        for n_wanted, numbers in ((2, candidates[1]), (_DENSE_PARTNERS, candidates[2])):
+    for node, (here, *candidates) in enumerate(zip(own.tolist(), *rows, strict=True)):
+        apart = [here]
+        for n_wanted, numbers in ((2, candidates[0]), (_DENSE_PARTNERS, candidates[1])):
             for number in numbers:
-                if number < 0 or len(chosen) == n_wanted:
+                if number < 0 or len(apart) == n_wanted:
                     break
-                if all(abs(number - other) > SAME_VISIT for other in chosen):
-                    chosen.append(number)
-        for number in chosen:
-            if anchors[number] != node:
+                if all(abs(number - other) > SAME_VISIT for other in apart):
+                    apart.append(number)
+        for number in (*apart, *around[node].tolist()):
+            if number >= 0 and anchors[number] != node:
                 pairs[number].append(node)
     return [np.array(nodes, dtype=np.int64) for nodes in pairs]
 

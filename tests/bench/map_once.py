@@ -25,7 +25,7 @@ from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.mapping.warnings import warn_of_odometry
 from dynmap_cli.scan_matching.matcher import FrontEndParams
-from tests.bench.perturbations import PERTURBATIONS
+from tests.bench.perturbations import PERTURBATIONS, redrawn
 
 PARTS = (
     (registrar, "register", "front end"),
@@ -73,6 +73,7 @@ def main(scans_dir: Path, out_dir: Path) -> None:
     task = json.loads((out_dir / "task.json").read_text())
     clock = Clock()
     log = PERTURBATIONS[task["perturbation"]](read_scan_log(scans_dir))
+    log = redrawn(log, task["draw"]) if task["draw"] else log
     front, loops = FrontEndParams(**task["front"]), LoopParams(**task["loops"])
     with ExitStack() as stack:
         for caller, name, part in PARTS:

@@ -26,6 +26,8 @@ class Variant:
         Different for different variants of the same scans.
     perturbation : str
         One of `PERTURBATIONS`.
+    draw : int
+        Seed of a trace of noise on the ranges, see `redrawn`; 0 = as they are.
     map, front, loops : mapping
         What differs from the defaults in `MapSettings`, `FrontEndParams` and `LoopParams`.
     filtered : bool
@@ -34,6 +36,7 @@ class Variant:
 
     name: str
     perturbation: str = "as recorded"
+    draw: int = 0
     map: Mapping[str, Any] = field(default_factory=dict)
     front: Mapping[str, float] = field(default_factory=dict)
     loops: Mapping[str, float] = field(default_factory=dict)
@@ -43,6 +46,7 @@ class Variant:
         """What `map_once` reads."""
         return {
             "perturbation": self.perturbation,
+            "draw": self.draw,
             "map": dict(self.map),
             "front": dict(self.front),
             "loops": dict(self.loops),

@@ -14,6 +14,7 @@ from dynmap_cli.domain.scans import ScanLog
 _LAG_S, _TURN_SCALE, _BIAS_DEG_M = 0.2, 1.05, 2.0
 _FREEZE_S = 5.0
 _NOISE_M, _NOISE_SEED = 0.02, 1
+_TRACE_M = 0.001
 
 
 def every_second_beam(log: ScanLog) -> ScanLog:
@@ -28,7 +29,16 @@ def every_second_beam(log: ScanLog) -> ScanLog:
 
 def noisier_ranges(log: ScanLog) -> ScanLog:
     """Further noise of 2 cm on every range."""
-    noise = np.random.default_rng(_NOISE_SEED).normal(0.0, _NOISE_M, log.ranges_m.shape)
+    return _noisier(log, _NOISE_M, _NOISE_SEED)
+
+
+def redrawn(log: ScanLog, seed: int) -> ScanLog:
+    """Further noise of 1 mm, a tenth of what lasers have: it tells what of a result is chance."""
+    return _noisier(log, _TRACE_M, seed)
+
+
+def _noisier(log: ScanLog, sigma_m: float, seed: int) -> ScanLog:
+    noise = np.random.default_rng(seed).normal(0.0, sigma_m, log.ranges_m.shape)
     ranges: F32 = np.asarray(log.ranges_m + noise.astype(np.float32))
     return replace(log, ranges_m=np.maximum(ranges, 0.001))
 
