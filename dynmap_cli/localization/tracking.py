@@ -102,7 +102,7 @@ def localize_log(
             else:
                 starts = possible_starts(log, first, pool, settings, executor)
                 if words := undecided_words(starts, log.recordings_of(int(log.drive_index[first]))):
-                    result.warnings.append(words)
+                    result.alike.append(words)
                 particles = draw_start(starts, settings, random)
             tracker = _Tracker(log, pool, settings, random, executor, world, result, is_given=is_given)
             tracker.run(scans, first, particles, tick)
