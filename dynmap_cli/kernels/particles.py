@@ -289,7 +289,7 @@ def draw_particles(
 def heaviest_cluster(
     poses: F64, weights: F64, bin_m: float, bin_rad: float, near_m: float, near_rad: float, out: F64
 ) -> None:
-    """Write the weighted mean pose around the heaviest bin, the weight near it, and the spread of all.
+    """Write the weighted mean pose around the heaviest bin, the weight near it, and the spread of all and of those.
 
     The mean is that of the bin at first, then three times that of all particles near the last one.
 
@@ -302,8 +302,9 @@ def heaviest_cluster(
         Edges of a bin.
     near_m, near_rad : float
         How far from the mean a member may be.
-    out : (5,) float64
-        x, y in metres, yaw in radians; weight of the last members; standard deviation in metres.
+    out : (6,) float64
+        x, y in metres, yaw in radians; weight of the last members; standard deviation in metres of all particles, and
+        of those near the mean.
     """
     n = weights.size
     nowhere, bins, bin_weights = np.zeros(n, dtype=np.int32), np.empty(n, dtype=np.int32), np.zeros(n)
@@ -332,11 +333,17 @@ def heaviest_cluster(
         share = total
         total = max(total, 1e-300)
         x, y, yaw = x + sum_x / total, y + sum_y / total, wrapped(yaw + sum_yaw / total)
-    variance = 0.0
+    variance = near_variance = near_weight = 0.0
     for k in range(weights.size):
         dx, dy = poses[k, 0] - x, poses[k, 1] - y
-        variance += weights[k] * (dx * dx + dy * dy)
-    out[0], out[1], out[2], out[3], out[4] = x, y, yaw, share, math.sqrt(variance)
+        squared = dx * dx + dy * dy
+        variance += weights[k] * squared
+        if squared <= near_m * near_m and abs(wrapped(poses[k, 2] - yaw)) <= near_rad:
+            near_weight += weights[k]
+            near_variance += weights[k] * squared
+    near_variance /= max(near_weight, 1e-300)
+    out[0], out[1], out[2], out[3] = x, y, yaw, share
+    out[4], out[5] = math.sqrt(variance), math.sqrt(near_variance)
 
 
 @kernel

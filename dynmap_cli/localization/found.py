@@ -81,6 +81,8 @@ class Localization:
         What was left out, one sentence each.
     laser_motions : dict of int to Motion
         From the update before, to the scan of an update, where its scans were matched; else that of the odometry.
+    alike : list of str
+        Drives that fit the map from several places, one sentence each.
     """
 
     trajectory: Trajectory
@@ -91,3 +93,4 @@ class Localization:
     clouds: list[tuple[int, Particles]]
     warnings: list[str]
     laser_motions: dict[int, Motion] = field(default_factory=dict)
+    alike: list[str] = field(default_factory=list)

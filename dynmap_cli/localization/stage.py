@@ -17,7 +17,7 @@ from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.afterwards.smoothing import smooth
 from dynmap_cli.localization.beliefs.parts import Part, believed_parts
 from dynmap_cli.localization.beliefs.state_tables import object_beliefs, patch_beliefs
-from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.outputs import (
     write_health,
     write_objects,
@@ -37,7 +37,8 @@ from dynmap_cli.stage import Stage, StageContext
 _MUCH_LOST = 0.2
 _LONG_GAP_S = 5.0
 """A robot that stands weighs a scan every second."""
-_MUCH_CHANGED = 0.5
+_MUCH_CHANGED = 1.0 / 3.0
+"""Of the updates: more than in offices whose doors all stand open and that lost several walls, up to a quarter."""
 START_MARGIN_M = 5.0
 """A robot may start where its map has no cells, but not far from them."""
 
@@ -76,13 +77,13 @@ def run(context: StageContext) -> dict[str, Any]:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, believed, _names(context))
     warnings += [*found.warnings, *_warn_of_gaps(log, found.health, settings)]
-    warnings += _warn_of_losses(summary, found.health)
+    warnings += _warn_of_losses(summary, found)
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
 
 
-def _warn_of_losses(summary: Mapping[str, Any], rows: Sequence[HealthRow]) -> list[str]:
-    """A robot that is lost for much of a recording is probably somewhere else."""
+def _warn_of_losses(summary: Mapping[str, Any], found: Localization) -> list[str]:
+    """A robot that is lost for much of a recording is probably somewhere else, or where places look alike."""
     lost_share = summary["lost"]
     if summary["another_place"]:
         return [
@@ -90,8 +91,8 @@ def _warn_of_losses(summary: Mapping[str, Any], rows: Sequence[HealthRow]) -> li
             "do not trust states and poses"
         ]
     if lost_share <= _MUCH_LOST:
-        return _warn_of_changes(rows)
-    return [
+        return [*found.alike, *_warn_of_changes(found.health)]
+    return found.alike or [
         f"lost for {100 * lost_share:.0f} % of the recording: it probably shows another place than the map, or one "
         "that changed a lot; do not trust states and poses"
     ]

@@ -59,6 +59,7 @@ def summarize(
         "path_m": round(found.trajectory.length_m(), 3),
         **{verdict: round(share, 4) for verdict, share in shares.items()},
         "another_place": is_another_place(found.health),
+        "drives_alike": len(found.alike),
         "searches": len(found.searches),
         "submaps_seen": len(by_submap),
         "lines": lines,

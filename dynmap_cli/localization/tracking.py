@@ -47,17 +47,20 @@ from dynmap_cli.localization.sensing.weighing import Weighing, weighing_of
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.starting.global_start import (
     LEAST_RETURNS,
+    draw_start,
     given_start,
-    global_start,
     is_usable,
+    possible_starts,
     search_again,
 )
+from dynmap_cli.localization.starting.undecided import undecided_words
 from dynmap_cli.localization.watching.health import Novelties, Patience, Verdict, scan_health
 from dynmap_cli.localization.watching.unmapped import Unmapped
 from dynmap_cli.progress import Tick, no_tick
 
 WIDEST_SPREAD_M = 0.5
-"""States are learned only while the particles agree this well on a place."""
+"""States are learned only while the particles in the heaviest place agree this well on the pose; the few that are
+far away say nothing of how well."""
 SETTLED_SHARE = 0.99
 """Weight in one place from which on its states are those that all particles believe in; until then, and again when
 less than `ONE_MODE_SHARE` is in one place, each particle has its own, so that a wrong place spoils nothing."""
@@ -97,7 +100,10 @@ def localize_log(
             if is_given:
                 particles = given_start(np.array(settings.start), settings, random)
             else:
-                particles = global_start(log, first, pool, settings, random, executor)
+                starts = possible_starts(log, first, pool, settings, executor)
+                if words := undecided_words(starts, log.recordings_of(int(log.drive_index[first]))):
+                    result.alike.append(words)
+                particles = draw_start(starts, settings, random)
             tracker = _Tracker(log, pool, settings, random, executor, world, result, is_given=is_given)
             tracker.run(scans, first, particles, tick)
     if log.n_scans and not bool(np.isfinite(poses).any()):
@@ -141,7 +147,7 @@ class _Tracker:
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
         poses = self._result.trajectory.poses
-        self._choose_states(estimate_pose(particles).share, SETTLED_SHARE)
+        self._choose_states(estimate_pose(particles))
         self._given_at = first if self._is_given else -1
         updated = first
         for scan in range(first, int(scans[-1]) + 1):
@@ -208,7 +214,8 @@ class _Tracker:
                 self._velocity, before, particles.poses, particles.weights, seconds
             )
         self._remember(scan, placed, every_end.ends_m, particles, estimate, in_view)
-        self._choose_states(estimate.share, SETTLED_SHARE if self._carries_states else ONE_MODE_SHARE)
+        if self._carries_states or estimate.share < ONE_MODE_SHARE:
+            self._choose_states(estimate)
         if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
             found = self._search(scan, estimate.pose)
             if found is not None:
@@ -244,12 +251,15 @@ class _Tracker:
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
         self._verdict = Verdict()
         self._unmapped.jumped()
-        self._choose_states(estimate_pose(found).share, SETTLED_SHARE)
+        self._choose_states(estimate_pose(found))
         return found
 
-    def _choose_states(self, share: float, least_share: float) -> None:
-        """Let each particle have states of its own while they do not agree on a place."""
-        self._carries_states = self._settings.states == "sampled" or share < least_share
+    def _choose_states(self, estimate: Estimate) -> None:
+        """Let each particle have states of its own until they agree on a place well enough to have learned its states.
+
+        In a map that shows all states at once particles shift to where nothing changes.
+        """
+        self._carries_states = self._settings.states == "sampled" or not _is_settled(estimate, SETTLED_SHARE)
 
     def _weigh(self, particles: Particles, weighing: Weighing, stamp: int) -> Particles:
         """Weigh every particle by the scan, in the map as it is believed to be."""
@@ -354,7 +364,7 @@ def _moved_words(given: F64, found: F64) -> str:
 
 def _is_settled(estimate: Estimate, least_share: float) -> bool:
     """Whether the particles agree on a place well enough to learn from it what the world looks like."""
-    return estimate.share >= least_share and estimate.spread_m <= WIDEST_SPREAD_M
+    return estimate.share >= least_share and estimate.cluster_spread_m <= WIDEST_SPREAD_M
 
 
 def _drives(log: ScanLog) -> Iterator[I64]:

@@ -152,6 +152,8 @@ def tables(bench: Bench) -> list[Table]:
             "columns of their own; so are objects one by one, where beams tell on from off; the delay of a "
             f"change in view is a median. Mean over {len(bench.seeds)} seeds, with the 5 and 95 % band "
             f"of its bootstrap. "
+            "The recording of seed 1 in `only_doors` shows its three doors shut all along: the corridor then looks the "
+            "same from both ends, `localize` says so, and which end it follows is chance. "
             "*Plain* is Monte Carlo localization without patches, in the filtered map of the same run "
             "(`--map RUN/map/map.yaml`) and in that with all states of each sub-map at once "
             "(`dynmap export --state union`), in the sample logs also in maps with both doors in one state.",

@@ -68,7 +68,7 @@ def test_a_thing_behind_the_edge_of_a_wall_is_a_thing_and_one_behind_its_middle_
 
 
 def estimate(share=1.0, spread_m=0.05):
-    return Estimate(POSE, share, spread_m)
+    return Estimate(POSE, share, spread_m, spread_m)
 
 
 def test_the_shares_sort_every_beam_once():

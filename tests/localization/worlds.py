@@ -53,6 +53,28 @@ def office(seed=0, path=None, door=None, boxes=(), movers=(), **extra):
     )
 
 
+def corridor(state="closed", length_m=20.0, path=((0.7, 1.0), (19.3, 1.0))):
+    """A bare corridor that looks the same from both ends while its two doors are shut; the left one is in *state*."""
+    walls = [
+        [[0, 0], [4, 0]],
+        [[5, 0], [12, 0]],
+        [[13, 0], [length_m, 0], [length_m, 2], [0, 2], [0, 0]],
+        *([[x - 1, 0], [x - 1, -2.5], [x + 2, -2.5], [x + 2, 0]] for x in (4, 12)),
+    ]
+    closed_open = {"states": {"closed": 0, "open": -85}}
+    doors = [
+        {"name": "left", "hinge": [4, 0], "latch": [5, 0], **closed_open, "schedule": [[0, state]]},
+        {"name": "right", "hinge": [12, 0], "latch": [13, 0], **closed_open, "schedule": [[0, "closed"]]},
+    ]
+    return parse_scenario(
+        {
+            "world": {"walls": walls, "doors": doors},
+            "robot": {"path": [list(point) for point in path], "speed_mps": 0.8},
+            "lasers": [{"beams": 181, "fov_deg": 270, "max_range_m": 8, "rate_hz": 5}],
+        }
+    )
+
+
 def simulated(scenario) -> SimulatedRun:
     return simulate(scenario)
 

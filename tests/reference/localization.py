@@ -250,7 +250,7 @@ def plain_bins(poses, submaps, states, bin_m, bin_rad):
 
 
 def plain_cluster(poses, weights, bins, near_m, near_rad):
-    """Mean pose around the heaviest bin, weight near it, spread of all; yaw along the shorter arc from the last one."""
+    """Mean pose around the heaviest bin, weight near it, spread of all and of those near; yaw along the shorter arc."""
     heaviest = max(set(bins), key=lambda b: sum(w for w, o in zip(weights, bins, strict=True) if o == b))
 
     def mean_of(members, yaw):
@@ -265,8 +265,12 @@ def plain_cluster(poses, weights, bins, near_m, near_rad):
         place = [math.hypot(p[0] - x, p[1] - y) <= near_m for p in poses]
         turned = [abs(math.remainder(p[2] - yaw, 2 * math.pi)) <= near_rad for p in poses]
         x, y, yaw, share = mean_of([a and b for a, b in zip(place, turned, strict=True)], yaw)
-    spread = sum(w * ((p[0] - x) ** 2 + (p[1] - y) ** 2) for w, p in zip(weights, poses, strict=True))
-    return x, y, yaw, share, math.sqrt(spread)
+    squares = [w * math.hypot(p[0] - x, p[1] - y) ** 2 for w, p in zip(weights, poses, strict=True)]
+    place = [math.hypot(p[0] - x, p[1] - y) <= near_m for p in poses]
+    turned = [abs(math.remainder(p[2] - yaw, 2 * math.pi)) <= near_rad for p in poses]
+    near = [k for k in range(len(weights)) if place[k] and turned[k]]
+    near_spread = sum(squares[k] for k in near) / max(sum(weights[k] for k in near), 1e-300)
+    return x, y, yaw, share, math.sqrt(sum(squares)), math.sqrt(near_spread)
 
 
 def plain_low_variance(weights, count, offset):

@@ -59,11 +59,14 @@ class Estimate:
         Weight of the cluster, 0 to 1.
     spread_m : float
         Weighted standard deviation of all particles around the pose, in position.
+    cluster_spread_m : float
+        The same of the particles of the cluster.
     """
 
     pose: F64
     share: float
     spread_m: float
+    cluster_spread_m: float
 
 
 def make_particles(poses: F64) -> Particles:
@@ -109,6 +112,7 @@ def resample(particles: Particles, settings: LocalizationSettings, random: np.ra
 
 def estimate_pose(particles: Particles) -> Estimate:
     """Weighted mean of the particles around the heaviest place."""
-    found = np.empty(5)
+    found = np.empty(6)
     heaviest_cluster(particles.poses, particles.weights, BIN_M, BIN_RAD, CLUSTER_M, CLUSTER_RAD, found)
-    return Estimate(pose=found[:3], share=float(found[3]), spread_m=float(found[4]))
+    share, spread_m, cluster_spread_m = found[3:].tolist()
+    return Estimate(found[:3], share, spread_m, cluster_spread_m)

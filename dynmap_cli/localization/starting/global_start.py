@@ -50,6 +50,18 @@ def is_usable(log: ScanLog, scan: int, settings: LocalizationSettings) -> bool:
     return sweep_of(log, scan, settings.laser_max_range).n_returns >= LEAST_RETURNS
 
 
+def possible_starts(
+    log: ScanLog, scan: int, pool: MapPool, settings: LocalizationSettings, executor: ThreadPoolExecutor
+) -> list[Mode]:
+    """All places at the pose of a scan from which this scan and the next ones can be explained, likeliest first.
+
+    The lattice sees the union of all states. Later scans are put in by odometry.
+    """
+    looks = list(islice(_looks(log, scan, settings), settings.start_scans))
+    modes = _modes_anywhere(log, scan, looks, pool, settings, executor)
+    return drive_from(modes, _looks(log, scan, settings), START_LOOKS, pool, settings)
+
+
 def global_start(
     log: ScanLog,
     scan: int,
@@ -58,15 +70,8 @@ def global_start(
     random: np.random.Generator,
     executor: ThreadPoolExecutor,
 ) -> Particles:
-    """Particles at the pose of a scan, in all places from which this scan and the next ones can be explained.
-
-    The lattice sees the union of all states. Later scans are put in by odometry.
-    """
-    looks = list(islice(_looks(log, scan, settings), settings.start_scans))
-    modes = _modes_anywhere(log, scan, looks, pool, settings, executor)
-    return draw_start(
-        drive_from(modes, _looks(log, scan, settings), START_LOOKS, pool, settings), settings, random
-    )
+    """Particles at the pose of a scan, in all places that are possible."""
+    return draw_start(possible_starts(log, scan, pool, settings, executor), settings, random)
 
 
 def search_again(
@@ -176,8 +181,7 @@ def draw_start(
     What the scans leave undecided is decided by the filter on the way.
     """
     modes = sorted(modes, key=lambda mode: -mode.log_weight)[: settings.max_particles]
-    shares = np.exp([mode.log_weight - modes[0].log_weight for mode in modes])
-    shares = shares / shares.sum()
+    shares = shares_of(modes)
     enough = np.maximum(shares, LEAST_IN_A_PLACE / settings.max_particles)
     counts = np.maximum((settings.max_particles * enough / enough.sum()).astype(np.int64), 1)
     counts[0] += settings.max_particles - int(counts.sum())
@@ -185,6 +189,13 @@ def draw_start(
         [_drawn(mode, int(count), settings, random) for mode, count in zip(modes, counts, strict=True)]
     )
     return replace(make_particles(poses), weights=np.repeat(shares / counts, counts))
+
+
+def shares_of(modes: Sequence[Mode]) -> F64:
+    """(n,) probabilities of places, given that the robot is in one of them."""
+    logs = np.array([mode.log_weight for mode in modes])
+    shares = np.exp(logs - logs.max())
+    return np.asarray(shares / shares.sum())
 
 
 def _drawn(mode: Mode, count: int, settings: LocalizationSettings, random: np.random.Generator) -> F64:
