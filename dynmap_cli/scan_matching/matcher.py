@@ -86,6 +86,7 @@ class Matched:
     shares : (n_scans,) float64
     information : (n_scans, 3, 3) float64
     twists : (n_scans, 3) float64
+        NaN = not known yet.
     flags : (n_scans,) uint8
     """
 
@@ -102,7 +103,7 @@ class Matched:
             np.zeros((n_scans, 3)),
             np.zeros(n_scans),
             np.zeros((n_scans, 3, 3)),
-            np.zeros((n_scans, 3)),
+            np.full((n_scans, 3), np.nan),
             np.zeros(n_scans, dtype=np.uint8),
         )
 
