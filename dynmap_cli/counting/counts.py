@@ -13,8 +13,8 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64, I32, I64, U8
 from dynmap_cli.domain.grid import CountingMap, GridFrame, mark_around
 from dynmap_cli.domain.mapped import copied_rows, sparse_zeros
-from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.sweep_motion import series_of, sweep_durations_s, sweep_times_s, sweep_twists
 from dynmap_cli.kernels.beams import PlacedScans, Rays, cut_at_walls, find_end_cells
 from dynmap_cli.kernels.counts import (
     DYNAMIC,
@@ -35,7 +35,6 @@ _LEAST_PER_THREAD = 100
 N_BANDS = 8
 _BYTES_PER_CELL, _MOST_BYTES_AT_ONCE = 24, 1 << 29
 _WALL_REFLECTANCE = 0.5
-_SHORTEST_STEP_S, _LONGEST_STEP_S = 0.005, 2.0
 
 
 def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
@@ -51,18 +50,12 @@ def rays_of(log: ScanLog, usable_range_m: float) -> Rays:
 
 
 def twists_of(log: ScanLog, poses: F64) -> F64 | None:
-    """Velocity (n_scans, 3) during each scan, robot frame, from the step to the next; None where no sweep takes time.
-
-    Zero where the next scan comes more than two seconds later, is of another drive, or has no pose.
-    """
+    """Velocity (n_scans, 3) during each scan, robot frame, see `sweep_twists`; None where no sweep takes time."""
     if log.n_scans < 2 or not (log.beam_interval_s != 0.0).any():
         return None
-    elapsed_s = np.diff(log.stamps_ns)[:, None] / 1e9
-    twists = np.zeros((log.n_scans, 3))
-    usable = (elapsed_s > _SHORTEST_STEP_S) & (elapsed_s < _LONGEST_STEP_S)
-    usable &= (np.diff(log.drive_index) == 0)[:, None]
-    np.divide(between(poses[:-1], poses[1:]), elapsed_s, out=twists[:-1], where=usable)
-    return np.nan_to_num(twists)
+    durations_s = sweep_durations_s(log.beam_interval_s, log.bearings_rad)[log.geometry_index]
+    series = series_of(log.sensor_poses, log.geometry_index, log.drive_index)
+    return sweep_twists(sweep_times_s(log), poses, durations_s, series)
 
 
 class Counter:

@@ -34,9 +34,15 @@ REVERSED_MARGIN = 3.0
 def _predict_step(
     scan: int, times_s: F64, motion: F64, has_motion: U8, poses: F64, step: F64, twists: F64
 ) -> None:
-    """Fill the expected step to a scan, from the odometry or like the step before, and the velocity during it."""
+    """Fill the expected step to a scan, from the odometry or like the step before, and the velocity during it.
+
+    A velocity that is known is left alone.
+    """
+    is_known = not math.isnan(twists[scan, 0])
     for k in range(3):
-        step[k] = twists[scan, k] = 0.0
+        step[k] = 0.0
+        if not is_known:
+            twists[scan, k] = 0.0
     if scan > 0:
         if has_motion[scan] > 0:
             copy3(motion[scan], step)
@@ -46,10 +52,10 @@ def _predict_step(
             step[0], step[1] = cos * wx + sin * wy, -sin * wx + cos * wy
             step[2] = (poses[scan - 1, 2] - poses[scan - 2, 2] + math.pi) % (2.0 * math.pi) - math.pi
         elapsed_s = times_s[scan] - times_s[scan - 1]
-        if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
+        if not is_known and SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
             for k in range(3):
                 twists[scan, k] = step[k] / elapsed_s
-    if scan + 1 < motion.shape[0] and has_motion[scan + 1] > 0:
+    if not is_known and scan + 1 < motion.shape[0] and has_motion[scan + 1] > 0:
         # A sweep runs after its stamp, so its velocity is that of the step to the next one.
         elapsed_s = times_s[scan + 1] - times_s[scan]
         if SHORTEST_STEP_S < elapsed_s < LONGEST_STEP_S:
@@ -150,7 +156,8 @@ def register_scans(
     information : (n_scans, 3, 3) float64
         What the match knows about each pose, map frame.
     twists : (n_scans, 3) float64
-        Filled: velocity during each scan, as counted from there to the next one or as predicted, robot frame.
+        Velocity during each scan, robot frame; where it is NaN, it is filled as counted from there to the next scan,
+        or as predicted.
     flags : (n_scans,) uint8
     """
     n_beams = ranges_m.shape[1]

@@ -51,6 +51,7 @@ def register(
     calibration: Calibration,
     params: FrontEndParams,
     tick: Tick = no_tick,
+    twists: F64 | None = None,
 ) -> Registered:
     """Register all scans one after another.
 
@@ -65,9 +66,13 @@ def register(
     params : FrontEndParams
     tick : callable
         Told the number of scans done.
+    twists : (n_scans, 3) float64, optional
+        Velocity during each scan, robot frame; without it, what *motion* says, or like the step before.
     """
     n_scans = sweeps.n_scans
     matcher, found = ScanMatcher(rays, calibration, params), Matched.empty(n_scans, sweeps.folder)
+    if twists is not None:
+        found.twists[:] = twists
     has_motion: U8 = np.asarray(np.isfinite(motion).all(axis=1)).astype(np.uint8)
     for first in range(0, n_scans, _SCANS_PER_CALL):
         last = min(first + _SCANS_PER_CALL, n_scans)

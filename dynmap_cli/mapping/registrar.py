@@ -17,8 +17,9 @@ from dynmap_cli.mapping.carried import Carry, find_carries
 from dynmap_cli.mapping.front_end import Registered, register
 from dynmap_cli.mapping.loops import LoopParams
 from dynmap_cli.mapping.odometry import calibrate, corrected_motion, lacks_sign
+from dynmap_cli.mapping.sweep_order import SweepOrder, find_sweep_order, path_twists
 from dynmap_cli.mapping.wheel_faults import WheelFault, find_wheel_faults, suspicious_stops, without_steps
-from dynmap_cli.progress import Tick, progress
+from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.scan_matching.calibration import Calibration
 from dynmap_cli.scan_matching.matcher import FrontEndParams
 from dynmap_cli.scan_matching.sweeps import Sweeps
@@ -28,12 +29,11 @@ _CALIBRATION_SCANS = 4000
 _FIRST_PASS = Calibration(
     turn_noise_rad=0.02, turn_noise_share=0.5, shift_noise_m=0.03, shift_noise_share=0.3
 )
-_GOOD_SHARE, _CLEAR_GAIN, _BETTER_SHARE = 0.7, 0.003, 0.05
+_GOOD_SHARE, _BETTER_SHARE = 0.7, 0.05
 _SWEEP_SCANS = 1000
 _SCANS_BEFORE = 80
 _CROWDED_SHARE = 0.2
 """Share of the points that counts as independent in a crowd."""
-_SWEEP_SIGNS = {"first to last": 1.0, "last to first": -1.0, "at once": 0.0}
 
 
 class Registrar:
@@ -83,9 +83,10 @@ class Registrar:
             self.calibration = self._calibrate(sweeps)
             self._is_calibrated = True
         motion = corrected_motion(sweeps.odometry, sweeps.times_s, self.calibration)
+        twists = self._twists_without_odometry(sweeps, motion)
         with progress(f"registering, {label}", sweeps.n_scans, "scans") as tick:
             front = self._register(
-                sweeps, without_steps(motion, self._wrong_wheels or ()), self.calibration, tick
+                sweeps, without_steps(motion, self._wrong_wheels or ()), self.calibration, tick, twists
             )
         if self._wrong_wheels is None:
             self._wrong_wheels = self._find_wrong_wheels(sweeps, motion, front)
@@ -101,6 +102,16 @@ class Registrar:
         )
         self.front = front
         return front, close_loops(sweeps, self.rays, front, LoopParams(), _log.debug)
+
+    def _twists_without_odometry(self, sweeps: Sweeps, motion: F64) -> F64 | None:
+        """Velocity during each sweep by a path without correction for it; None with odometry, which says it better.
+
+        That of the step before is too poor a guess: its error bends the sweep, and so the next step.
+        """
+        if not self.rays.beam_interval_s.any() or np.isfinite(sweeps.odometry).any():
+            return None
+        found = self._register_at_once(sweeps, motion, self.calibration)
+        return path_twists(self.rays, self.log.bearings_rad, sweeps, found.poses)
 
     def _match(self, sweeps: Sweeps, motion: F64, first: int, last: int) -> Registered:
         """The scans first..last - 1 without those before."""
@@ -128,11 +139,10 @@ class Registrar:
         """Match a first part of the recording with loose odometry and compare."""
         part = sweeps.part(0, _CALIBRATION_SCANS)
         motion = corrected_motion(part.odometry, part.times_s, Calibration())
-        sweep = self._find_sweep(part.part(0, _SWEEP_SCANS), motion[:_SWEEP_SCANS])
-        self.rays = self.rays._replace(beam_interval_s=_SWEEP_SIGNS[sweep] * self.rays.beam_interval_s)
+        first_pass, order = self._first_pass(part, motion)
+        known = Calibration(sweep=order.name, is_revolution=order.is_revolution)
         if not np.isfinite(part.odometry).all(axis=1).any():
-            return Calibration(sweep=sweep)
-        first_pass = self._register(part, motion, _FIRST_PASS)
+            return known
         is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
         reversible = lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass))
         # Steps from one laser to another show how well their poses agree, not how the robot moved.
@@ -147,27 +157,42 @@ class Registrar:
             reversible=reversible,
             in_seconds=not main.all(),
         )
-        return replace(found, sweep=sweep)
+        return replace(found, sweep=known.sweep, is_revolution=known.is_revolution)
 
-    def _find_sweep(self, part: Sweeps, motion: F64) -> str:
-        """In which order the beams of a sweep are made: the one with which the scans fit best."""
-        if not self.rays.beam_interval_s.any():
-            return "at once"
-        intervals = self.rays.beam_interval_s
-        shares = {}
-        for sweep, sign in _SWEEP_SIGNS.items():
-            self.rays = self.rays._replace(beam_interval_s=sign * intervals)
-            shares[sweep] = float(self._register(part, motion, _FIRST_PASS).shares.mean())
-        self.rays = self.rays._replace(beam_interval_s=intervals)
-        best = max(shares, key=lambda sweep: shares[sweep])
-        # Stamps and increments are to be believed unless the scans say otherwise.
-        return best if shares[best] > shares["first to last"] + _CLEAR_GAIN else "first to last"
+    def _first_pass(self, part: Sweeps, motion: F64) -> tuple[Registered, SweepOrder]:
+        """Match with loose odometry, find out how the beams of a sweep follow on one another, and match so.
+
+        What is corrected is the motion that the scans show, for nobody knows yet how far the odometry lags.
+        """
+        said, bearings = self.rays, self.log.bearings_rad
+        found = self._register_at_once(part, motion, _FIRST_PASS)
+        few, steps = part.part(0, _SWEEP_SCANS), motion[:_SWEEP_SCANS]
+
+        def fit(rays: Rays, twists: F64) -> float:
+            self.rays = rays
+            return float(self._register(few, steps, _FIRST_PASS, twists=twists).shares.mean())
+
+        order = find_sweep_order(said, bearings, few, found.poses[:_SWEEP_SCANS], fit)
+        self.rays = said._replace(beam_interval_s=order.beam_interval_s)
+        if order.beam_interval_s.any():
+            twists = path_twists(self.rays, bearings, part, found.poses)
+            found = self._register(part, motion, _FIRST_PASS, twists=twists)
+        return found, order
 
     def _register(
-        self, sweeps: Sweeps, motion: F64, calibration: Calibration, tick: Tick | None = None
+        self,
+        sweeps: Sweeps,
+        motion: F64,
+        calibration: Calibration,
+        tick: Tick = no_tick,
+        twists: F64 | None = None,
     ) -> Registered:
-        arguments = (sweeps, self.rays, motion, calibration, self._params)
-        return register(*arguments) if tick is None else register(*arguments, tick)
+        return register(sweeps, self.rays, motion, calibration, self._params, tick, twists)
+
+    def _register_at_once(self, sweeps: Sweeps, motion: F64, calibration: Calibration) -> Registered:
+        """Match as if all beams of a sweep were made at its stamp."""
+        still = np.zeros((sweeps.n_scans, 3))
+        return self._register(sweeps, motion, calibration, twists=still)
 
 
 def _fixes_position(registered: Registered) -> B1:

@@ -100,6 +100,10 @@ def _drive_lines(drive: Registrar) -> list[str]:
     lines = [drive.calibration.sentence()] if drive.log.has_odometry.any() else []
     if drive.calibration.sweep == "last to first":
         lines.append("sweeps run from the last beam to the first")
+    if drive.calibration.is_revolution:
+        lines.append(
+            "a sweep lasts until the next: the recording says much less, and so the scans do not fit"
+        )
     return lines
 
 

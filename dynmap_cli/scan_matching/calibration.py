@@ -38,6 +38,8 @@ class Calibration:
     sweep : str
         In which order the beams of a sweep were seen to be made: "first to last", "last to first", or "at once"
         where the scans fit best without correction for the motion during the sweep.
+    is_revolution : bool
+        A sweep lasts from its stamp to the next, though the recording says that it is made in much less.
     """
 
     lag_scans: float = 0.0
@@ -54,6 +56,7 @@ class Calibration:
     step_noise_rad: float = 0.0
     n_steps: int = 0
     sweep: str = "at once"
+    is_revolution: bool = False
 
     def sentence(self) -> str:
         """All of it in one line for people."""

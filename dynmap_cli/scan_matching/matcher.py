@@ -88,6 +88,7 @@ class Matched:
     shares : (n_scans,) float64
     information : (n_scans, 3, 3) float64
     twists : (n_scans, 3) float64
+        NaN = not known yet.
     flags : (n_scans,) uint8
     """
 
@@ -104,7 +105,7 @@ class Matched:
             np.zeros((n_scans, 3)),
             np.zeros(n_scans),
             new_table(n_scans, 9, folder, np.float64).reshape(n_scans, 3, 3),
-            np.zeros((n_scans, 3)),
+            np.full((n_scans, 3), np.nan),
             np.zeros(n_scans, dtype=np.uint8),
         )
 

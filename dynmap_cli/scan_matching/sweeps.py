@@ -10,6 +10,7 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64, I32, I64
 from dynmap_cli.domain.mapped import copied_rows
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.sweep_motion import sweep_times_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,9 @@ def sweeps_of(log: ScanLog, weights: F32 | None, folder: Path | None = None) -> 
 
 
 def times_of(log: ScanLog) -> F64:
-    """(n_scans,) ascending seconds since the first scan, in the order in which the sweeps were made."""
+    """(n_scans,) ascending seconds since the first scan, in the order in which the sweeps were made.
+
+    Without the jitter of stamps; see `sweep_times_s`.
+    """
     order = np.argsort(log.arrival_index, kind="stable")
-    return np.asarray(np.maximum.accumulate((log.stamps_ns[order] - log.stamps_ns[0]) / 1e9))
+    return np.asarray(np.maximum.accumulate(sweep_times_s(log)[order]))
