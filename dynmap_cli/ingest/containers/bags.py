@@ -16,35 +16,34 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1_reader
 from rosbags.rosbag2 import storage_mcap, storage_sqlite3
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks, is_orderly
-from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
-from dynmap_cli.ingest.containers.db3_blocks import count_orphans, db3_blocks
-from dynmap_cli.ingest.containers.mcap_chunks import are_orderly, ordered_messages
-from dynmap_cli.ingest.containers.mcap_records import (
-    BROKEN_SUMMARY,
-    SummaryState,
-    mcap_bytes_behind,
-    summary_state,
+from dynmap_cli.ingest.containers.bag_checks import (
+    UnreadableBagError,
+    check_file,
+    check_folder,
+    check_index,
+    count_orphans,
+    files_of,
 )
+from dynmap_cli.ingest.containers.db3_blocks import db3_blocks
+from dynmap_cli.ingest.containers.mcap_chunks import are_orderly, ordered_messages
+from dynmap_cli.ingest.containers.type_stores import ros1_types, ros2_types
 from dynmap_cli.ingest.containers.unpacking import unpack_whole, unpacked_message
-from dynmap_cli.ingest.messages import protobuf
 from dynmap_cli.ingest.messages.batches import Batches
 from dynmap_cli.ingest.messages.blocks import Block, blocks_of_rows
 from dynmap_cli.ingest.messages.definitions import check_definitions, check_size, is_usual
-from dynmap_cli.ingest.messages.foxglove import DEFINITIONS, as_ros, decode_json
-from dynmap_cli.ingest.messages.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.messages.foxglove import as_ros
+from dynmap_cli.ingest.messages.kinds import LASER_TYPES, USED_TYPES
 from dynmap_cli.ingest.messages.layouts import has_layout, layout_of
 from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
-from dynmap_cli.ingest.messages.stored import Channel, nameless_topics, words_of, words_of_rest
+from dynmap_cli.ingest.messages.stored import ORPHAN, nameless_topics, words_of
 from dynmap_cli.ingest.raw.recording import RawRecording, Topic
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.printable import printable
 
 _log = logging.getLogger(__name__)
-_ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NO_TOPICS = "its metadata.yaml names no topic"
 _NOT_ROS2_PROFILE = "Profile is not ros2"
@@ -65,20 +64,6 @@ def _unpack_sized(how: str, data: bytes, _n_bytes: int) -> bytes:
 _bound_blocks()
 
 
-class UnreadableBagError(Exception):
-    """A bag that rosbags refuses.
-
-    Attributes
-    ----------
-    why : str
-        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
-    """
-
-    def __init__(self, why: str) -> None:
-        super().__init__(why)
-        self.why = why
-
-
 class _UsedTypes:
     """A reader that hides definitions of types that are not used: for one that is odd the library refuses the bag."""
 
@@ -94,6 +79,11 @@ class _UsedTypes:
 
     def __exit__(self, *_: object) -> None:
         self._inner.close()
+
+    @property
+    def stored_connections(self) -> list[Any]:
+        """As they are in the bag; messages come with these."""
+        return list(self._inner.connections)
 
     @property
     def connections(self) -> list[Any]:
@@ -127,7 +117,7 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
     UnreadableBagError
         If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
     """
-    with _open(path) as reader:
+    with open_bag(path) as reader:
         counts: Counter[tuple[str, str]] = Counter()
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
@@ -135,7 +125,9 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
             Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
         ]
         recording = RawRecording(name, kind, topics, folder=space.folder)
-        count_orphans(_tables_of(reader), recording)
+        orphans = count_orphans(reader)
+        if orphans:
+            recording.drop_broken(ORPHAN, orphans)
         _take_all(reader, recording, space)
         end_of_messages(recording)
     recording.give_back()
@@ -143,14 +135,19 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[AnyReader]:
-    """Open a bag; whatever the library raises then becomes one error."""
+def open_bag(path: Path) -> Iterator[AnyReader]:
+    """Open a bag, for whoever reads or copies it; whatever the library raises then becomes one error.
+
+    Raises
+    ------
+    UnreadableBagError
+        If it is cut off or damaged as far as can be told without reading it, or an MCAP file of another profile.
+    """
     reader = None
     try:
-        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            if file.suffix == ".mcap":
-                _check_summary(file)
-        reader = AnyReader([path], default_typestore=_ros2_types())
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            check_file(file)
+        reader = AnyReader([path], default_typestore=ros2_types())
         inside: Any = [_UsedTypes(inner) for inner in reader.readers]
         reader.readers = inside
         reader.open()
@@ -158,6 +155,8 @@ def _open(path: Path) -> Iterator[AnyReader]:
             check_index(inner)
         if path.is_dir() and not reader.connections:
             raise UnreadableBagError(_NO_TOPICS)
+        for inner in reader.readers:
+            check_folder(inner)
         for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
             raise UnreadableBagError(why)
         used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
@@ -180,29 +179,6 @@ def _close(reader: AnyReader | None) -> None:
     for inner in () if reader is None else reader.readers:
         with suppress(Exception):
             inner.close()
-
-
-def _check_summary(file: Path) -> None:
-    """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
-    state = summary_state(file)
-    if state is SummaryState.BROKEN:
-        raise UnreadableBagError(BROKEN_SUMMARY)
-    n_behind = mcap_bytes_behind(file) if state is SummaryState.UNKNOWN else 0
-    if n_behind:
-        raise UnreadableBagError(words_of_rest(n_behind))
-
-
-def check_index(reader: Any) -> None:
-    """Refuse a ROS 1 bag that goes on behind its index, or whose index leaves out messages that its chunks hold."""
-    chunks = getattr(reader, "chunk_infos", [])
-    stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
-    indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
-    if chunks and stated != indexed:
-        msg = f"its index has {indexed} messages, its chunks {stated}"
-        raise UnreadableBagError(msg)
-    n_behind = bag1_bytes_behind(reader.path) if chunks else 0
-    if n_behind:
-        raise UnreadableBagError(words_of_rest(n_behind))
 
 
 def _expected(
@@ -290,16 +266,10 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
         raise UnreadableBagError(msg)
 
 
-def _files_of(inner: Any) -> list[Any]:
-    """What reads each file of a ROS 2 bag; none of a ROS 1 bag."""
-    outer = getattr(inner, "storage", None)
-    return [] if outer is None else getattr(outer, "storages", [outer])
-
-
-def _tables_of(reader: AnyReader) -> list[Any]:
-    """What reads each .db3 file."""
-    files = [file for inner in reader.readers for file in _files_of(inner)]
-    return [file for file in files if isinstance(file, storage_sqlite3.Sqlite3Reader)]
+def stored_connections(reader: AnyReader) -> list[Any]:
+    """Connections as they are in a bag, none of whose definitions is hidden; messages come with these."""
+    readers: Any = reader.readers
+    return [one for inner in readers for one in inner.stored_connections]
 
 
 def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
@@ -322,7 +292,7 @@ def _from_storage(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, in
     outer: Any = getattr(inner, "storage", None)
     if outer is None or outer.metadata.compression_mode == "message":
         return None
-    storages = _files_of(inner)
+    storages = files_of(inner)
     kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
     if all(isinstance(storage, storage_sqlite3.Sqlite3Reader) for storage in storages):
         return _from_files(storages, kinds, db3_blocks)
@@ -350,37 +320,4 @@ def _from_files(
 
 def _standard(reader: AnyReader) -> Typestore:
     """Message types as they should be in a bag."""
-    return _ros2_types() if reader.is2 else _ros1_types()
-
-
-@functools.cache
-def _ros2_types() -> Typestore:
-    """Message types for bags that do not define theirs."""
-    return _with_foxglove(get_typestore(_ROS2_DEFAULT))
-
-
-@functools.cache
-def _ros1_types() -> Typestore:
-    """The same for ROS 1."""
-    store = get_typestore(Stores.ROS1_NOETIC)
-    for kind in TRANSFORM_TYPES:
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
-    return _with_foxglove(store)
-
-
-def _with_foxglove(store: Typestore) -> Typestore:
-    """Add the types of Foxglove."""
-    for kind, definition in DEFINITIONS.items():
-        store.register(get_types_from_msg(definition, kind))
-    return store
-
-
-def decode_message(channel: Channel, data: bytes) -> Any:
-    """Take a message apart by the encoding of its channel, one of `READ_TYPES`; for readers of other containers."""
-    if channel.message_encoding == "json":
-        return decode_json(data)
-    if channel.message_encoding == "protobuf":
-        return protobuf.decode(data, channel.schema_data, channel.schema_name)
-    if channel.message_encoding == "ros1":
-        return _ros1_types().deserialize_ros1(data, channel.message_type)
-    return _ros2_types().deserialize_cdr(unpacked_message(data), channel.message_type)
+    return ros2_types() if reader.is2 else ros1_types()

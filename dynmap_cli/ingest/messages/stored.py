@@ -143,7 +143,7 @@ def nameless_topics(topics: Iterable[tuple[object, object]]) -> list[str]:
 
 def text_of(value: object) -> str:
     """A name or type from a table, printable; what is no text is shown as well as it can be, "" where it is missing."""
-    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    text = value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else value
     return "" if text is None else printable(str(text))
 
 
