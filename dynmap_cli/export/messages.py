@@ -16,19 +16,18 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinitionFormat
 from rosbags.rosbag2.metadata import dump_qos_v8
 
+from dynmap_cli.export.channels import as_usual, faults_of
 from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError, count_orphans, missing_messages
 from dynmap_cli.ingest.containers.bags import open_bag, stored_connections
 from dynmap_cli.ingest.containers.mcap_records import mcap_extras
 from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.containers.salvage import Span, stored_messages
-from dynmap_cli.ingest.containers.type_stores import definition_fault, usual_definition
+from dynmap_cli.ingest.containers.type_stores import usual_definition
 from dynmap_cli.ingest.containers.unpacking import unpacked_message
 from dynmap_cli.ingest.messages.blocks import check_rows
-from dynmap_cli.ingest.messages.kinds import USED_TYPES
 from dynmap_cli.ingest.messages.stored import ORPHAN, Channel, Losses, StoredMessage, words_of
 from dynmap_cli.ingest.raw.recording import file_name
 
-_ROS_ENCODINGS = frozenset({"cdr", "ros1"})
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
 
 
@@ -154,7 +153,7 @@ def _mcap_messages(reader: McapReader, path: Path, statistics: Statistics | None
         except Exception as err:
             raise UnreadableContainerError(path, words_of(err)) from err
         if channel.id not in channels:
-            channels[channel.id] = Channel(
+            found_channel = Channel(
                 channel.topic,
                 channel.message_encoding,
                 schema.name if schema else "",
@@ -162,6 +161,9 @@ def _mcap_messages(reader: McapReader, path: Path, statistics: Statistics | None
                 schema.data if schema else b"",
                 tuple(channel.metadata.items()),
             )
+            for fault in faults_of(found_channel):
+                raise UnreadableContainerError(path, fault)
+            channels[channel.id] = found_channel
         found += 1
         yield _plain(
             StoredMessage(
@@ -236,7 +238,9 @@ def _whole_messages(path: Path, damage: Damage) -> Iterator[StoredMessage]:
         damage.messages += 1
         damage.span.add(stored.logged_ns)
         if stored.channel not in described:
-            described[stored.channel] = _with_definition(stored.channel, damage.losses)
+            for fault in faults_of(stored.channel):
+                damage.losses.note(fault)
+            described[stored.channel] = as_usual(stored.channel)
         yield _plain(stored._replace(channel=described[stored.channel]))
 
 
@@ -245,19 +249,6 @@ def _plain(stored: StoredMessage) -> StoredMessage:
     if stored.channel.message_encoding != "cdr":
         return stored
     return stored._replace(data=unpacked_message(stored.data))
-
-
-def _with_definition(channel: Channel, losses: Losses) -> Channel:
-    """The same channel; where the definition of its type is missing or not believed it gets the usual one."""
-    if channel.message_encoding not in _ROS_ENCODINGS:
-        return channel
-    if not channel.schema_data:
-        return usual_definition(channel)
-    fault = definition_fault(channel) if channel.message_type in USED_TYPES else ""
-    if not fault:
-        return channel
-    losses.note(fault)
-    return usual_definition(channel)
 
 
 def _profile_of(path: Path) -> str:

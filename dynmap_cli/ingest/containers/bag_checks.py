@@ -16,7 +16,7 @@ from dynmap_cli.ingest.containers.mcap_records import (
     mcap_bytes_behind,
     summary_state,
 )
-from dynmap_cli.ingest.messages.stored import words_of_rest
+from dynmap_cli.ingest.messages.stored import nameless_topics, words_of_encoding, words_of_rest
 from dynmap_cli.printable import printable
 
 
@@ -60,6 +60,15 @@ def check_folder(inner: Any) -> None:
             if one.msgcount and (one.topic, one.msgtype) not in known:
                 msg = f"its metadata.yaml does not name {printable(str(one.topic))}, of which its files hold messages"
                 raise UnreadableBagError(msg)
+
+
+def check_topics(reader: AnyReader) -> None:
+    """Refuse topics whose name, type or encoding is no text; nothing checks that in the tables of a .db3."""
+    for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
+        raise UnreadableBagError(why)
+    for one in reader.connections:
+        if not isinstance(getattr(one.ext, "serialization_format", ""), str):
+            raise UnreadableBagError(words_of_encoding(one.topic))
 
 
 def check_index(reader: Any) -> None:

@@ -24,6 +24,7 @@ from dynmap_cli.ingest.containers.bag_checks import (
     check_file,
     check_folder,
     check_index,
+    check_topics,
     count_orphans,
     files_of,
 )
@@ -38,7 +39,7 @@ from dynmap_cli.ingest.messages.foxglove import as_ros
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, USED_TYPES
 from dynmap_cli.ingest.messages.layouts import has_layout, layout_of
 from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
-from dynmap_cli.ingest.messages.stored import ORPHAN, nameless_topics, words_of
+from dynmap_cli.ingest.messages.stored import ORPHAN, words_of
 from dynmap_cli.ingest.raw.recording import RawRecording, Topic
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.printable import printable
@@ -46,7 +47,8 @@ from dynmap_cli.printable import printable
 _log = logging.getLogger(__name__)
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NO_TOPICS = "its metadata.yaml names no topic"
-_NOT_ROS2_PROFILE = "Profile is not ros2"
+_NO_DAMAGE = ("Profile is not ros2", "messages are not in timestamp order")
+"""What the library does not read although nothing is wrong with it."""
 
 
 def _bound_blocks() -> None:
@@ -157,8 +159,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
             raise UnreadableBagError(_NO_TOPICS)
         for inner in reader.readers:
             check_folder(inner)
-        for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
-            raise UnreadableBagError(why)
+        check_topics(reader)
         used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
         check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
@@ -166,12 +167,17 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         raise
     except Exception as err:
         _close(reader)
-        why = _ABOUT_FILE.sub("", words_of(err))
-        raise UnreadableBagError("" if _NOT_ROS2_PROFILE in why else why) from err
+        raise UnreadableBagError(_damage_in(err)) from err
     try:
         yield reader
     finally:
         reader.close()
+
+
+def _damage_in(err: Exception) -> str:
+    """What the library complains of; "" where that is no damage."""
+    why = _ABOUT_FILE.sub("", words_of(err))
+    return "" if any(words in why for words in _NO_DAMAGE) else why
 
 
 def _close(reader: AnyReader | None) -> None:
@@ -254,7 +260,7 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
         except StopIteration:
             break
         except Exception as err:
-            raise UnreadableBagError(words_of(err)) from err
+            raise UnreadableBagError(_damage_in(err)) from err
         if found == 0:
             space.reserve(recording.name, *_expected(reader, usual, numbers, block))
         found += block.starts.size

@@ -26,11 +26,13 @@ from dynmap_cli.ingest.messages.stored import (
     StoredMessage,
     nameless_topics,
     text_of,
+    words_of_encoding,
 )
 
 _MOST_GAPS = 200
 _FARTHEST_JUMP = 1 << 32
 _LEAST_NUMBER = -(1 << 63)
+_USUAL_ENCODING = "cdr"
 _HEADER = struct.Struct(">16xH10xI")
 
 
@@ -85,14 +87,17 @@ def _topics(connection: sqlite3.Connection, losses: Losses, *, has_definitions: 
         losses.note(why)
     names = _names([(number, name) for number, name, *_ in rows])
     topics: dict[int, Channel] = {}
-    for (number, _, kind, encoding), name in zip(rows, names, strict=True):
+    for (number, _, kind, stated), name in zip(rows, names, strict=True):
         if number in topics:
             losses.note(
                 f"{topics[number].topic} and {name} have one number, so their messages are not told apart"
             )
+        encoding = text_of(stated) if isinstance(stated, str) else _USUAL_ENCODING
+        if not isinstance(stated, str):
+            losses.note(words_of_encoding(name))
         profiles = (("offered_qos_profiles", str(offered.get(number) or "")),)
         schema = definitions.get(kind, ("", b""))
-        topics[number] = Channel(name, text_of(encoding), text_of(kind), *schema, profiles)
+        topics[number] = Channel(name, encoding, text_of(kind), *schema, profiles)
     return topics
 
 

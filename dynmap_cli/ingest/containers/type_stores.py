@@ -16,7 +16,8 @@ from dynmap_cli.ingest.messages.foxglove import DEFINITIONS, decode_json
 from dynmap_cli.ingest.messages.kinds import TRANSFORM_TYPES
 from dynmap_cli.ingest.messages.stored import Channel, words_of
 
-_ENCODINGS = {"cdr": ("ros2msg", "ros2idl"), "ros1": ("ros1msg",)}
+_ENCODINGS = {"cdr": ("ros2msg", "ros2idl", "omgidl"), "ros1": ("ros1msg",)}
+_IDL = ("ros2idl", "omgidl")
 _SEPARATOR = "=" * 80 + "\n"
 
 
@@ -62,7 +63,7 @@ def definition_fault(channel: Channel) -> str:
         text = channel.schema_data.decode()
         check_size(kind, text)
         own = get_typestore(Stores.EMPTY)
-        if channel.schema_encoding == "ros2idl":
+        if channel.schema_encoding in _IDL:
             parts = text.split(_SEPARATOR)[1:] if text.startswith(f"{_SEPARATOR}IDL: ") else [f"\n{text}"]
             for part in parts:
                 own.register(get_types_from_idl(part.partition("\n")[2]))

@@ -147,6 +147,11 @@ def text_of(value: object) -> str:
     return "" if text is None else printable(str(text))
 
 
+def words_of_encoding(topic: str) -> str:
+    """What is wrong with a topic of a .db3 of which the encoding is no text."""
+    return f"the encoding of {topic} is no text, and taken to be cdr"
+
+
 def words_of_rest(n_bytes: int) -> str:
     """What is wrong with a container that goes on behind its end."""
     return f"{n_bytes} bytes behind its end are not read"
