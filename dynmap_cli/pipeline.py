@@ -388,6 +388,9 @@ def digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str
     """Digest of each file or folder, by its path as given."""
     digests = {}
     for path in paths:
+        if str(path) in digests:
+            msg = f"{path} and {path}: the same recording. Pass it once."
+            raise error(msg)
         try:
             digests[str(path)] = sha256_of(path)
         except OSError as err:

@@ -6,23 +6,26 @@ import heapq
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import McapReader, make_reader
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Metadata, Statistics
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinitionFormat
 from rosbags.rosbag2.metadata import dump_qos_v8
-from rosbags.typesys import Stores, get_typestore
 
-from dynmap_cli.ingest.containers.bags import UnreadableBagError, check_index
-from dynmap_cli.ingest.containers.mcap_records import BROKEN_SUMMARY, SummaryState, mcap_extras, summary_state
+from dynmap_cli.export.channels import as_usual, faults_of
+from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError, count_orphans, missing_messages
+from dynmap_cli.ingest.containers.bags import open_bag, stored_connections
+from dynmap_cli.ingest.containers.mcap_records import mcap_extras
 from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.containers.salvage import Span, stored_messages
+from dynmap_cli.ingest.containers.type_stores import usual_definition
 from dynmap_cli.ingest.containers.unpacking import unpacked_message
-from dynmap_cli.ingest.messages.stored import Channel, Losses, StoredMessage, words_of
+from dynmap_cli.ingest.messages.blocks import check_rows
+from dynmap_cli.ingest.messages.stored import ORPHAN, Channel, Losses, StoredMessage, words_of
 from dynmap_cli.ingest.raw.recording import file_name
 
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
@@ -100,31 +103,34 @@ def open_container(source: Source, refused: Mapping[Path, str], stack: ExitStack
     UnreadableContainerError
         If it is cut off or damaged, and not known to be.
     """
-    files = sorted(source.path.glob("*.mcap")) if source.kind == "ros2" else []
-    if source.kind == "mcap" or files:
-        return [
-            _salvaged(path, path.name if files else source.name, "MCAP file", refused[path])
-            if path in refused
-            else _open_mcap(path, stack)
-            for path in files or [source.path]
-        ]
-    kind = "ROS 1 bag" if source.kind == "ros1" else "ROS 2 bag"
-    if source.path in refused:
-        return [_salvaged(source.path, source.name, kind, refused[source.path])]
-    return [_open_bag(source, stack)]
-
-
-def _open_mcap(path: Path, stack: ExitStack) -> Container:
-    """Open an MCAP file of any profile."""
-    if summary_state(path) is SummaryState.BROKEN:
-        raise UnreadableContainerError(path, BROKEN_SUMMARY)
+    path = source.path
+    kind = "MCAP file" if source.kind == "mcap" else "ROS 1 bag" if source.kind == "ros1" else "ROS 2 bag"
+    if path in refused:
+        return [_salvaged(path, source.name, kind, refused[path])]
+    files = sorted(path.glob("*.mcap")) if source.kind == "ros2" else []
+    if source.kind != "mcap" and not files:
+        return [_open_bag(source, stack)]
     try:
-        reader = make_reader(stack.enter_context(path.open("rb")), validate_crcs=True)
-        if reader.get_summary() is None:
+        with open_bag(path) as reader:
+            why = missing_messages(reader)
+    except UnreadableBagError as err:
+        # Nothing is wrong with an MCAP file of another profile.
+        why = err.why
+    if why:
+        raise UnreadableContainerError(path, why)
+    return [_open_mcap(file, path, stack) for file in files or [path]]
+
+
+def _open_mcap(file: Path, path: Path, stack: ExitStack) -> Container:
+    """Open an MCAP file of any profile; *path* is the file, or the folder it is part of."""
+    try:
+        reader = make_reader(stack.enter_context(file.open("rb")), validate_crcs=True)
+        summary = reader.get_summary()
+        if summary is None:
             raise UnreadableContainerError(path, "it has no summary")
         return Container(
             reader.get_header().profile,
-            _mcap_messages(reader, path),
+            _mcap_messages(reader, path, summary.statistics),
             tuple(reader.iter_attachments()),
             tuple(reader.iter_metadata()),
         )
@@ -134,19 +140,20 @@ def _open_mcap(path: Path, stack: ExitStack) -> Container:
         raise UnreadableContainerError(path, words_of(err)) from err
 
 
-def _mcap_messages(reader: McapReader, path: Path) -> Iterator[StoredMessage]:
+def _mcap_messages(reader: McapReader, path: Path, statistics: Statistics | None) -> Iterator[StoredMessage]:
     """All messages, by log time."""
     channels: dict[int, Channel] = {}
     stream = reader.iter_messages()
+    found = 0
     while True:
         try:
             schema, channel, message = next(stream)
         except StopIteration:
-            return
+            break
         except Exception as err:
             raise UnreadableContainerError(path, words_of(err)) from err
         if channel.id not in channels:
-            channels[channel.id] = Channel(
+            found_channel = Channel(
                 channel.topic,
                 channel.message_encoding,
                 schema.name if schema else "",
@@ -154,22 +161,30 @@ def _mcap_messages(reader: McapReader, path: Path) -> Iterator[StoredMessage]:
                 schema.data if schema else b"",
                 tuple(channel.metadata.items()),
             )
-        yield StoredMessage(
-            message.log_time, message.publish_time, message.sequence, channels[channel.id], message.data
+            for fault in faults_of(found_channel):
+                raise UnreadableContainerError(path, fault)
+            channels[channel.id] = found_channel
+        found += 1
+        yield _plain(
+            StoredMessage(
+                message.log_time, message.publish_time, message.sequence, channels[channel.id], message.data
+            )
         )
+    if statistics is not None:
+        _check_count(path, statistics.message_count, found)
 
 
 def _open_bag(source: Source, stack: ExitStack) -> Container:
     """Open a ROS 1 bag, or a ROS 2 bag in SQLite."""
     try:
-        reader = AnyReader([source.path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        stack.enter_context(reader)
-        for inner in reader.readers:
-            check_index(inner)
-        channels = {id(one): _channel_of(one, reader) for one in reader.connections}
+        reader = stack.enter_context(open_bag(source.path))
+        orphans = count_orphans(reader)
+        channels = {id(one): _channel_of(one) for one in stored_connections(reader)}
     except Exception as err:
         why = err.why if isinstance(err, UnreadableBagError) else words_of(err)
         raise UnreadableContainerError(source.path, why) from err
+    if orphans:
+        raise UnreadableContainerError(source.path, ORPHAN)
     profile = "ros1" if source.kind == "ros1" else "ros2"
     return Container(profile, _bag_messages(reader, channels, source.path))
 
@@ -181,6 +196,7 @@ def _bag_messages(reader: AnyReader, channels: dict[int, Channel], path: Path) -
     while True:
         try:
             connection, logged_ns, data = next(stream)
+            check_rows([logged_ns], [data])
         except StopIteration:
             break
         except Exception as err:
@@ -188,9 +204,13 @@ def _bag_messages(reader: AnyReader, channels: dict[int, Channel], path: Path) -
         key = id(connection)
         yield _plain(StoredMessage(logged_ns, logged_ns, counts[key], channels[key], bytes(data)))
         counts[key] += 1
-    stated = sum(connection.msgcount for connection in reader.connections)
-    if counts.total() != stated:
-        why = f"it says that it holds {stated} messages, and holds {counts.total()}"
+    _check_count(path, sum(connection.msgcount for connection in stored_connections(reader)), counts.total())
+
+
+def _check_count(path: Path, stated: int, found: int) -> None:
+    """Refuse a recording that holds another number of messages than it says."""
+    if found != stated:
+        why = f"it says that it holds {stated} messages, and holds {found}"
         raise UnreadableContainerError(path, why)
 
 
@@ -198,9 +218,17 @@ def _salvaged(path: Path, name: str, kind: str, why: str) -> Container:
     """What is whole in a damaged recording, in the order in which it was written."""
     damage = Damage(name, kind, Losses([why]))
     messages = _whole_messages(path, damage)
-    if path.suffix == ".mcap":
-        return Container(_profile_of(path), messages, *mcap_extras(path), damage=damage)
-    return Container("ros1" if kind == "ROS 1 bag" else "ros2", messages, damage=damage)
+    if kind == "ROS 1 bag":
+        return Container("ros1", messages, damage=damage)
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path] if path.suffix == ".mcap" else []
+    attachments: list[Attachment] = []
+    metadata: list[Metadata] = []
+    for file in files:
+        more, notes = mcap_extras(file)
+        attachments += more
+        metadata += notes
+    profile = _profile_of(files[0]) if files else "ros2"
+    return Container(profile, messages, tuple(attachments), tuple(metadata), damage=damage)
 
 
 def _whole_messages(path: Path, damage: Damage) -> Iterator[StoredMessage]:
@@ -210,7 +238,9 @@ def _whole_messages(path: Path, damage: Damage) -> Iterator[StoredMessage]:
         damage.messages += 1
         damage.span.add(stored.logged_ns)
         if stored.channel not in described:
-            described[stored.channel] = _with_definition(stored.channel)
+            for fault in faults_of(stored.channel):
+                damage.losses.note(fault)
+            described[stored.channel] = as_usual(stored.channel)
         yield _plain(stored._replace(channel=described[stored.channel]))
 
 
@@ -219,15 +249,6 @@ def _plain(stored: StoredMessage) -> StoredMessage:
     if stored.channel.message_encoding != "cdr":
         return stored
     return stored._replace(data=unpacked_message(stored.data))
-
-
-def _with_definition(channel: Channel) -> Channel:
-    """The same channel; a standard type of ROS 2 whose definition the bag does not hold gets it."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    if channel.schema_data or channel.message_encoding != "cdr" or channel.schema_name not in store.fielddefs:
-        return channel
-    definition, _ = store.generate_msgdef(channel.schema_name, ros_version=2)
-    return replace(channel, schema_encoding="ros2msg", schema_data=definition.encode())
 
 
 def _profile_of(path: Path) -> str:
@@ -239,7 +260,7 @@ def _profile_of(path: Path) -> str:
         return ""
 
 
-def _channel_of(connection: Connection, reader: AnyReader) -> Channel:
+def _channel_of(connection: Connection) -> Channel:
     """The channel that the MCAP profiles ros1 and ros2 ask for."""
     definition, extra = connection.msgdef.data, connection.ext
     if isinstance(extra, ConnectionExtRosbag1):
@@ -249,13 +270,12 @@ def _channel_of(connection: Connection, reader: AnyReader) -> Channel:
         name = connection.msgtype.replace("/msg/", "/")
         return _channel(connection.topic, "ros1", name, "ros1msg", definition, metadata)
     written = _DEFINITIONS.get(connection.msgdef.format)
-    if written is None and connection.msgtype in reader.typestore.fielddefs:
-        written, definition = "msg", reader.typestore.generate_msgdef(connection.msgtype, ros_version=2)[0]
     metadata = {"offered_qos_profiles": dump_qos_v8(extra.offered_qos_profiles)}
     encoding = f"ros2{written}" if written else ""
-    return _channel(
+    channel = _channel(
         connection.topic, extra.serialization_format, connection.msgtype, encoding, definition, metadata
     )
+    return channel if written else usual_definition(channel)
 
 
 def _channel(

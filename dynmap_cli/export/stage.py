@@ -31,7 +31,7 @@ _SCANS_AT_ONCE = 1024
 def check_output(out_path: Path, recordings: Sequence[Path], *, force: bool) -> None:
     """Refuse an output that other tools would not know as MCAP, or that would replace something."""
     if out_path.suffix != ".mcap":
-        msg = f"{out_path}: a clean recording is an MCAP file; its name must end in .mcap"
+        msg = f"{out_path}: what is written is an MCAP file; its name must end in .mcap"
         raise ArtifactError(msg)
     if any(out_path.resolve().is_relative_to(path.resolve()) for path in recordings):
         msg = f"{out_path}: is, or lies in, the recording that is read. Choose another output."

@@ -207,7 +207,8 @@ def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecordin
         return read(source.path, source.name, space.folder)
     # Text logs do without the libraries for bags.
     from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
-    from dynmap_cli.ingest.containers.bags import UnreadableBagError, read_bag
+    from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError
+    from dynmap_cli.ingest.containers.bags import read_bag
     from dynmap_cli.ingest.containers.salvage import read_salvaged
 
     kind = _BAG_NAMES[source.kind]

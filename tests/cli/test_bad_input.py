@@ -40,6 +40,11 @@ def test_a_missing_recording(refused, small, tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+def test_a_recording_that_is_passed_twice_to_a_finished_run(refused, small):
+    line = refused(RECORDING, "build", small.recording, small.recording, "-o", small.run_dir, "-q")
+    assert "the same recording. Pass it once" in line
+
+
 @pytest.mark.parametrize("verb", [("build",), ("ingest",)])
 def test_an_empty_recording(refused, small, tmp_path, verb):
     empty = tmp_path / "empty.mcap"

@@ -14,6 +14,8 @@ ODD_WORDS = (
     b"9223372036854775807", b"4294967296", b"0.0000001", b"1e9", b"null", b"~", b"true", b"[]", b"{}", b"[[1]]", b"''",
     b"&a [*a]", b"!!python/object:os.system", b"- -", b": :", b"2020-01-01", b"../../x", b"/dev/zero", b"\xff\xfe",
     b"\xed\xa0\x80", b"\x00", b"\n", b"(((((", b"[" * 2000, b"9" * 5000,
+    b"\xef\xbb\xbf", b"\r\n", b"\nsensor_msgs/LaserScan[] more\n", b"\nLaserScan[3] more\n", b"float64[4294967296]",
+    b"\n" + b"=" * 80 + b"\nMSG: std_msgs/Header\nstd_msgs/Header[] more\n", b"int32 A=1\n" * 900, b"string<=5",
 )  # fmt: skip
 ODD_NUMBERS = (
     0,
@@ -100,6 +102,7 @@ def edits(n_bytes: int) -> st.SearchStrategy[list[Edit]]:
         st.builds(lambda at, data: Edit("insert", at, data), at, data),
         st.builds(lambda at, length: Edit("delete", at, b"", length), at, length),
         st.builds(lambda at, length: Edit("copy", at, b"", length), at, length),
+        st.just(Edit("copy", 0, b"", max(n_bytes, 1))),
         st.builds(lambda at, length: Edit("zeros", at, b"", length), at, length),
         st.builds(lambda at, word: Edit("word", at, word), at, st.sampled_from(ODD_WORDS)),
     )

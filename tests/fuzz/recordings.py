@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from dynmap_cli.checking import check_recordings
 from dynmap_cli.config import Config
 from dynmap_cli.errors import LogError
 from dynmap_cli.export.salvaging import write_salvaged
+from dynmap_cli.ingest.messages.stored import ORPHAN
+from dynmap_cli.ingest.reading import load_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest import written
 from tests.ingest.written_foxglove import write_foxglove
 
-WORLD = written.World(n_scans=8, n_beams=12)
+WORLD, FEW = written.World(n_scans=8, n_beams=12), written.World(n_scans=4, n_beams=12)
+SMALL = IngestSettings(max_unpacked_gib=0.05)
 _NUMBERS = " ".join(f"{value}" for value in range(100, 280))
 _PLAIN: dict[str, Any] = {"compression": CompressionType.NONE, "enable_crcs": False}
 
@@ -33,13 +39,21 @@ def ingest(folder: Path, settings: IngestSettings) -> object:
 
 
 def salvage(folder: Path) -> object:
-    """Copy what is whole into an MCAP file."""
+    """Copy what is whole into an MCAP file, which is whole and holds all that the reader finds, or says why not."""
     (path,) = folder.iterdir()
     out = folder.parent / f"{folder.name}.salvaged.mcap"
     try:
-        return write_salvaged([path], out, IngestSettings())
+        done = write_salvaged([path], out, SMALL)
+        (copied,) = load_recordings([out], SMALL)
     finally:
         out.unlink(missing_ok=True)
+    (read,) = load_recordings([path], SMALL)
+    # Messages that are broken themselves are copied byte for byte.
+    faults = [why for why in copied.damage if why not in copied.dropped]
+    n_read = sum(topic.count for topic in read.topics) + read.dropped[ORPHAN]
+    assert not faults, f"the copy is damaged: {faults}"
+    assert done.losses or done.messages.total() == n_read, f"{n_read - done.messages.total()} lost in silence"
+    return done
 
 
 def write_packed(folder: Path, how: str) -> None:
@@ -120,6 +134,36 @@ def _plain_mcap(folder: Path) -> Path:
     return written.write_mcap(folder / "a.mcap", WORLD, "ros2", **_PLAIN)
 
 
+def _packed_folder(folder: Path, mode: CompressionMode) -> Path:
+    """A folder whose messages, or whose files, are packed."""
+    return written.write_bag2(folder / "a", WORLD, mode=mode)
+
+
+def _bare_mcap(folder: Path) -> Path:
+    """An MCAP file without chunks, with an attachment and metadata."""
+
+    def add(writer: McapWriter) -> None:
+        writer.add_attachment(1, 1, "notes.txt", "text/plain", b"a note")
+        writer.add_metadata("robot", {"name": "Rhino"})
+
+    return written.write_mcap(folder / "a.mcap", FEW, "ros2", prepare=add, use_chunking=False, **_PLAIN)
+
+
+def _bare_db3(folder: Path) -> None:
+    lone = written.lone_file(written.write_bag2(folder / "b", FEW), ".db3")
+    shutil.move(lone, folder / "a.db3")
+    shutil.rmtree(folder / "b")
+
+
+def _zip(folder: Path) -> None:
+    """A .zip that holds a folder of a bag."""
+    inner = written.write_bag2(folder / "a", FEW)
+    with zipfile.ZipFile(folder / "a.zip", "w") as archive:
+        for path in sorted(inner.iterdir()):
+            archive.write(path, f"a/{path.name}")
+    shutil.rmtree(inner)
+
+
 SAMPLES: dict[str, Callable[[Path], object]] = {
     "ros1": lambda folder: written.write_bag1(folder / "a.bag", WORLD),
     "ros1 cloud": _cloud,
@@ -128,6 +172,9 @@ SAMPLES: dict[str, Callable[[Path], object]] = {
         and shutil.rmtree(folder / "b")
     ),
     "folder": _folder,
+    "folder of packed messages": lambda folder: _packed_folder(folder, CompressionMode.MESSAGE),
+    "folder of packed files": lambda folder: _packed_folder(folder, CompressionMode.FILE),
+    "folder of mcap": lambda folder: written.write_bag2(folder / "a", WORLD, StoragePlugin.MCAP),
     "mcap plain": _plain_mcap,
     "mcap ros2": lambda folder: written.write_mcap(folder / "a.mcap", WORLD, "ros2"),
     "mcap ros1": lambda folder: written.write_mcap(folder / "a.mcap", WORLD, "ros1", "ros1", **_PLAIN),
@@ -139,3 +186,11 @@ SAMPLES: dict[str, Callable[[Path], object]] = {
     "carmen": _carmen,
     "wean": _wean,
 }
+INSIDE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "rows of tables": (_bare_db3, "rows"),
+    "records": (_bare_mcap, "records"),
+    "records with chunks": (_plain_mcap, "records"),
+    "definitions": (_bare_mcap, "definitions"),
+    "members": (_zip, "members"),
+}
+"""Recordings that are taken apart, so that what they hold is damaged, and how."""

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import functools
-import io
 import tempfile
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dynmap_cli.ingest.settings import IngestSettings
 from tests.fuzz import artefacts, recordings
-
-ARCHIVES = (".zip", ".npz")
+from tests.fuzz.parts import PARTS, taken_apart
 
 
 @dataclass(frozen=True)
@@ -27,21 +23,21 @@ class Target:
         Writes a whole sample into an empty folder.
     read : callable
         Reads what lies in a folder.
-    inside : bool
-        Archives are taken apart, so that what they hold is damaged and not their checksums.
+    parts : str
+        How files are taken apart, so that what they hold is damaged and not their checksums; one of `PARTS`, or "".
     """
 
     name: str
     make: Callable[[Path], object]
     read: Callable[[Path], object]
-    inside: bool = False
+    parts: str = ""
 
     def sample(self) -> dict[str, bytes]:
-        """Content of each file by its path in the folder; members of archives as `archive!member`."""
+        """Content of each file by its path in the folder; parts of those that are taken apart as `file!part`."""
         return _sample(self)
 
     def write(self, folder: Path, files: Mapping[str, bytes]) -> None:
-        """Write files, and put archives together again."""
+        """Write files, and put together what was taken apart."""
         members: dict[str, dict[str, bytes]] = {}
         for name, data in files.items():
             outer, _, inner = name.partition("!")
@@ -51,10 +47,10 @@ class Target:
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
-        for outer, inside in members.items():
+        for outer, parts in members.items():
             path = folder / outer
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(_packed(inside))
+            path.write_bytes(PARTS[self.parts].put(parts))
 
 
 @functools.cache
@@ -66,32 +62,13 @@ def _sample(target: Target) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*")):
             if path.is_file():
                 place = path.relative_to(folder).as_posix()
-                found.update(
-                    _unpacked(place, path.read_bytes()) if target.inside else {place: path.read_bytes()}
-                )
+                found |= taken_apart(target.parts, place, path.read_bytes())
         return found
 
 
-def _unpacked(name: str, data: bytes) -> dict[str, bytes]:
-    if Path(name).suffix in ARCHIVES:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            return {f"{name}!{member}": archive.read(member) for member in archive.namelist()}
-    return {name: data}
-
-
-def _packed(members: Mapping[str, bytes]) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in members.items():
-            archive.writestr(name, data)
-    return stream.getvalue()
-
-
 def _recording_targets() -> list[Target]:
-    small = IngestSettings(max_unpacked_gib=0.05)
-
     def read(folder: Path) -> object:
-        return recordings.ingest(folder, small)
+        return recordings.ingest(folder, recordings.SMALL)
 
     targets = [Target(name, make, read) for name, make in recordings.SAMPLES.items()]
     targets += [
@@ -102,18 +79,20 @@ def _recording_targets() -> list[Target]:
         Target(f"salvage {name}", recordings.SAMPLES[name], recordings.salvage)
         for name in ("ros1", "db3", "mcap plain", "mcap ros2", "folder")
     ]
+    for use in (read, recordings.salvage):
+        by = "salvage " if use is recordings.salvage else ""
+        targets += [
+            Target(f"{by}{name}", make, use, kind) for name, (make, kind) in recordings.INSIDE.items()
+        ]
     return targets
 
 
 def _artefact_targets() -> list[Target]:
     return [
-        Target(name, make, read, inside=inside)
+        Target(f"{name}, {parts}" if parts else name, make, read, parts)
         for name, (make, read) in artefacts.SAMPLES.items()
-        for inside in ([False, True] if name in artefacts.WITH_ARCHIVES else [False])
+        for parts in (["", "inside"] if name in artefacts.WITH_ARCHIVES else [""])
     ]
 
 
-TARGETS: dict[str, Target] = {
-    f"{target.name}, inside" if target.inside else target.name: target
-    for target in (*_recording_targets(), *_artefact_targets())
-}
+TARGETS: dict[str, Target] = {target.name: target for target in (*_recording_targets(), *_artefact_targets())}

@@ -42,9 +42,18 @@ def endless(_kind, definition):
     return "float64 extra\n" * (MOST_CHARACTERS // 14 + 1) + definition
 
 
+def without_a_field(_kind, definition):
+    return definition.replace("string frame_id\n", "")
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
-    [(itself, "contains itself"), (in_a_ring, "contains itself"), (endless, f"at most {MOST_CHARACTERS}")],
+    [
+        (itself, "contains itself"),
+        (in_a_ring, "contains itself"),
+        (endless, f"at most {MOST_CHARACTERS}"),
+        (without_a_field, "has no field frame_id"),
+    ],
 )
 def test_a_definition_without_end_is_not_believed(change, expected, tmp_path, monkeypatch):
     path = written_with(tmp_path, monkeypatch, change)

@@ -191,12 +191,20 @@ def lone_file(folder: Path, suffix: str) -> Path:
     return next(folder.glob(f"*{suffix}"))
 
 
-def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr", **options: Any) -> Path:
+def write_mcap(
+    path: Path,
+    world: World,
+    profile: str,
+    encoding: str = "cdr",
+    prepare: Callable[[McapWriter], None] = lambda _: None,
+    **options: Any,
+) -> Path:
     """MCAP of any profile; encoding "cdr" (ros2msg), "ros1" (ros1msg) or another name, as is."""
     store, suffix = (ROS1, "ros1msg") if encoding == "ros1" else (ROS2, "ros2msg")
     with path.open("wb") as stream:
         writer = McapWriter(stream, **{"chunk_size": 2000, "compression": CompressionType.ZSTD, **options})
         writer.start(profile=profile, library="test")
+        prepare(writer)
         channels: dict[str, int] = {}
         for topic, kind, logged_ns, fields in world.messages():
             if topic not in channels:

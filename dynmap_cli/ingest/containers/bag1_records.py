@@ -6,7 +6,6 @@ records of connections and messages; connections stand once more in the index at
 
 from __future__ import annotations
 
-import mmap
 import struct
 from collections import Counter
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import NamedTuple
 
-from dynmap_cli.ingest.containers.unpacking import unpack
+from dynmap_cli.ingest.containers.unpacking import unpack, view_of
 from dynmap_cli.ingest.messages.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.printable import printable
 
@@ -43,8 +42,7 @@ class _Record(NamedTuple):
 
 def bag1_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     """Yield what can be read; damaged chunks are passed over, behind a broken record nothing is found."""
-    with path.open("rb") as stream:
-        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    view = view_of(path)
     losses.n_bytes += len(view)
     end = _end_of(view)
     losses.note_behind(len(view) - end)
@@ -68,8 +66,7 @@ def bag1_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
 
 def bag1_bytes_behind(path: Path) -> int:
     """How many bytes lie behind the index of a bag, which is its end; 0 where it has none, or a broken one."""
-    with path.open("rb") as stream:
-        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    view = view_of(path)
     return len(view) - _end_of(view)
 
 

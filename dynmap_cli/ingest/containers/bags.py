@@ -16,39 +16,40 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1_reader
 from rosbags.rosbag2 import storage_mcap
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks, is_orderly
-from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
-from dynmap_cli.ingest.containers.db3_blocks import count_orphans, db3_blocks
+from dynmap_cli.ingest.containers.bag_checks import (
+    UnreadableBagError,
+    check_file,
+    check_folder,
+    check_index,
+    check_topics,
+    count_orphans,
+    files_of,
+)
+from dynmap_cli.ingest.containers.db3_blocks import db3_blocks
 from dynmap_cli.ingest.containers.db3_opening import Db3Reader, use_db3_reader
 from dynmap_cli.ingest.containers.mcap_chunks import are_orderly, ordered_messages
-from dynmap_cli.ingest.containers.mcap_records import (
-    BROKEN_SUMMARY,
-    SummaryState,
-    mcap_bytes_behind,
-    summary_state,
-)
+from dynmap_cli.ingest.containers.type_stores import ros1_types, ros2_types
 from dynmap_cli.ingest.containers.unpacking import unpack_whole, unpacked_message
-from dynmap_cli.ingest.messages import protobuf
 from dynmap_cli.ingest.messages.batches import Batches
 from dynmap_cli.ingest.messages.blocks import Block, blocks_of_rows
 from dynmap_cli.ingest.messages.definitions import check_definitions, check_size, is_usual
-from dynmap_cli.ingest.messages.foxglove import DEFINITIONS, as_ros, decode_json
-from dynmap_cli.ingest.messages.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
+from dynmap_cli.ingest.messages.foxglove import as_ros
+from dynmap_cli.ingest.messages.kinds import LASER_TYPES, USED_TYPES
 from dynmap_cli.ingest.messages.layouts import has_layout, layout_of
 from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
-from dynmap_cli.ingest.messages.stored import Channel, nameless_topics, words_of, words_of_rest
+from dynmap_cli.ingest.messages.stored import ORPHAN, words_of
 from dynmap_cli.ingest.raw.recording import RawRecording, Topic
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.printable import printable
 
 _log = logging.getLogger(__name__)
-_ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NO_TOPICS = "its metadata.yaml names no topic"
-_NOT_ROS2_PROFILE = "Profile is not ros2"
+_NO_DAMAGE = ("Profile is not ros2", "messages are not in timestamp order")
+"""What the library does not read although nothing is wrong with it."""
 
 
 def _bound_blocks() -> None:
@@ -66,20 +67,6 @@ def _unpack_sized(how: str, data: bytes, _n_bytes: int) -> bytes:
 _bound_blocks()
 
 
-class UnreadableBagError(Exception):
-    """A bag that rosbags refuses.
-
-    Attributes
-    ----------
-    why : str
-        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
-    """
-
-    def __init__(self, why: str) -> None:
-        super().__init__(why)
-        self.why = why
-
-
 class _UsedTypes:
     """A reader that hides definitions of types that are not used: for one that is odd the library refuses the bag."""
 
@@ -95,6 +82,11 @@ class _UsedTypes:
 
     def __exit__(self, *_: object) -> None:
         self._inner.close()
+
+    @property
+    def stored_connections(self) -> list[Any]:
+        """As they are in the bag; messages come with these."""
+        return list(self._inner.connections)
 
     @property
     def connections(self) -> list[Any]:
@@ -128,7 +120,7 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
     UnreadableBagError
         If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
     """
-    with _open(path) as reader:
+    with open_bag(path) as reader:
         counts: Counter[tuple[str, str]] = Counter()
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
@@ -136,7 +128,9 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
             Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
         ]
         recording = RawRecording(name, kind, topics, folder=space.folder)
-        count_orphans(_tables_of(reader), recording)
+        orphans = count_orphans(reader)
+        if orphans:
+            recording.drop_broken(ORPHAN, orphans)
         _take_all(reader, recording, space)
         end_of_messages(recording)
     recording.give_back()
@@ -144,14 +138,19 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
 
 
 @contextmanager
-def _open(path: Path) -> Iterator[AnyReader]:
-    """Open a bag; whatever the library raises then becomes one error."""
+def open_bag(path: Path) -> Iterator[AnyReader]:
+    """Open a bag, for whoever reads or copies it; whatever the library raises then becomes one error.
+
+    Raises
+    ------
+    UnreadableBagError
+        If it is cut off or damaged as far as can be told without reading it, or an MCAP file of another profile.
+    """
     reader = None
     try:
-        for file in sorted(path.glob("*.mcap")) if path.is_dir() else [path]:
-            if file.suffix == ".mcap":
-                _check_summary(file)
-        reader = AnyReader([path], default_typestore=_ros2_types())
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            check_file(file)
+        reader = AnyReader([path], default_typestore=ros2_types())
         for inner in reader.readers:
             use_db3_reader(inner)
         inside: Any = [_UsedTypes(inner) for inner in reader.readers]
@@ -161,8 +160,9 @@ def _open(path: Path) -> Iterator[AnyReader]:
             check_index(inner)
         if path.is_dir() and not reader.connections:
             raise UnreadableBagError(_NO_TOPICS)
-        for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
-            raise UnreadableBagError(why)
+        for inner in reader.readers:
+            check_folder(inner)
+        check_topics(reader)
         used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
         check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
@@ -170,12 +170,17 @@ def _open(path: Path) -> Iterator[AnyReader]:
         raise
     except Exception as err:
         _close(reader)
-        why = _ABOUT_FILE.sub("", words_of(err))
-        raise UnreadableBagError("" if _NOT_ROS2_PROFILE in why else why) from err
+        raise UnreadableBagError(_damage_in(err)) from err
     try:
         yield reader
     finally:
         reader.close()
+
+
+def _damage_in(err: Exception) -> str:
+    """What the library complains of; "" where that is no damage."""
+    why = _ABOUT_FILE.sub("", words_of(err))
+    return "" if any(words in why for words in _NO_DAMAGE) else why
 
 
 def _close(reader: AnyReader | None) -> None:
@@ -183,29 +188,6 @@ def _close(reader: AnyReader | None) -> None:
     for inner in () if reader is None else reader.readers:
         with suppress(Exception):
             inner.close()
-
-
-def _check_summary(file: Path) -> None:
-    """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
-    state = summary_state(file)
-    if state is SummaryState.BROKEN:
-        raise UnreadableBagError(BROKEN_SUMMARY)
-    n_behind = mcap_bytes_behind(file) if state is SummaryState.UNKNOWN else 0
-    if n_behind:
-        raise UnreadableBagError(words_of_rest(n_behind))
-
-
-def check_index(reader: Any) -> None:
-    """Refuse a ROS 1 bag that goes on behind its index, or whose index leaves out messages that its chunks hold."""
-    chunks = getattr(reader, "chunk_infos", [])
-    stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
-    indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
-    if chunks and stated != indexed:
-        msg = f"its index has {indexed} messages, its chunks {stated}"
-        raise UnreadableBagError(msg)
-    n_behind = bag1_bytes_behind(reader.path) if chunks else 0
-    if n_behind:
-        raise UnreadableBagError(words_of_rest(n_behind))
 
 
 def _expected(
@@ -281,7 +263,7 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
         except StopIteration:
             break
         except Exception as err:
-            raise UnreadableBagError(words_of(err)) from err
+            raise UnreadableBagError(_damage_in(err)) from err
         if found == 0:
             space.reserve(recording.name, *_expected(reader, usual, numbers, block))
         found += block.starts.size
@@ -293,16 +275,10 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
         raise UnreadableBagError(msg)
 
 
-def _files_of(inner: Any) -> list[Any]:
-    """What reads each file of a ROS 2 bag; none of a ROS 1 bag."""
-    outer = getattr(inner, "storage", None)
-    return [] if outer is None else getattr(outer, "storages", [outer])
-
-
-def _tables_of(reader: AnyReader) -> list[Any]:
-    """What reads each .db3 file."""
-    files = [file for inner in reader.readers for file in _files_of(inner)]
-    return [file for file in files if isinstance(file, Db3Reader)]
+def stored_connections(reader: AnyReader) -> list[Any]:
+    """Connections as they are in a bag, none of whose definitions is hidden; messages come with these."""
+    readers: Any = reader.readers
+    return [one for inner in readers for one in inner.stored_connections]
 
 
 def _from_reader(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, int]) -> Iterator[Block]:
@@ -325,7 +301,7 @@ def _from_storage(reader: AnyReader, wanted: list[Any], numbers: Mapping[int, in
     outer: Any = getattr(inner, "storage", None)
     if outer is None or outer.metadata.compression_mode == "message":
         return None
-    storages = _files_of(inner)
+    storages = files_of(inner)
     kinds = {(connection.topic, connection.msgtype): numbers[id(connection)] for connection in wanted}
     if all(isinstance(storage, Db3Reader) for storage in storages):
         return _from_files(storages, kinds, db3_blocks)
@@ -353,37 +329,4 @@ def _from_files(
 
 def _standard(reader: AnyReader) -> Typestore:
     """Message types as they should be in a bag."""
-    return _ros2_types() if reader.is2 else _ros1_types()
-
-
-@functools.cache
-def _ros2_types() -> Typestore:
-    """Message types for bags that do not define theirs."""
-    return _with_foxglove(get_typestore(_ROS2_DEFAULT))
-
-
-@functools.cache
-def _ros1_types() -> Typestore:
-    """The same for ROS 1."""
-    store = get_typestore(Stores.ROS1_NOETIC)
-    for kind in TRANSFORM_TYPES:
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
-    return _with_foxglove(store)
-
-
-def _with_foxglove(store: Typestore) -> Typestore:
-    """Add the types of Foxglove."""
-    for kind, definition in DEFINITIONS.items():
-        store.register(get_types_from_msg(definition, kind))
-    return store
-
-
-def decode_message(channel: Channel, data: bytes) -> Any:
-    """Take a message apart by the encoding of its channel, one of `READ_TYPES`; for readers of other containers."""
-    if channel.message_encoding == "json":
-        return decode_json(data)
-    if channel.message_encoding == "protobuf":
-        return protobuf.decode(data, channel.schema_data, channel.schema_name)
-    if channel.message_encoding == "ros1":
-        return _ros1_types().deserialize_ros1(data, channel.message_type)
-    return _ros2_types().deserialize_cdr(unpacked_message(data), channel.message_type)
+    return ros2_types() if reader.is2 else ros1_types()

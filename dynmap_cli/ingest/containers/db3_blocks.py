@@ -5,15 +5,13 @@ SQLite gives rows of equal time in an order of its own, so the query is that of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dynmap_cli.ingest.messages.blocks import Block, blocks_of_rows
-from dynmap_cli.ingest.messages.stored import ORPHAN
-from dynmap_cli.ingest.raw.recording import RawRecording
 
 _QUERY = (
     "SELECT topics.id,messages.timestamp,messages.data FROM messages JOIN topics ON messages.topic_id=topics.id "
@@ -35,11 +33,3 @@ def db3_blocks(storage: Any, wanted: Mapping[int, int]) -> Iterator[Block]:
     rows = storage.dbconn.execute(_QUERY.format(",".join("?" * len(wanted))), topics.tolist())
     for block in blocks_of_rows(rows):
         yield replace(block, channels=numbers[np.searchsorted(topics, block.channels)])
-
-
-def count_orphans(storages: Sequence[Any], recording: RawRecording) -> None:
-    """Count rows whose topic is not among those of their file, which the query leaves out; rosbags has counted both."""
-    for storage in storages:
-        n_known = sum(connection.msgcount for connection in storage.connections)
-        if storage.metadata.message_count > n_known:
-            recording.drop_broken(ORPHAN, storage.metadata.message_count - n_known)

@@ -5,11 +5,20 @@ from __future__ import annotations
 import sqlite3
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
+from dynmap_cli.ingest.containers.db3_tables import (
+    DEFINITIONS,
+    MESSAGES,
+    MOST_TOPICS,
+    TOO_LONG,
+    TOPICS,
+    odd_tables,
+    open_tables,
+    words_of_database,
+)
 from dynmap_cli.ingest.messages.stored import (
     ORPHAN,
     Channel,
@@ -17,11 +26,13 @@ from dynmap_cli.ingest.messages.stored import (
     StoredMessage,
     nameless_topics,
     text_of,
-    words_of,
+    words_of_encoding,
 )
 
 _MOST_GAPS = 200
 _FARTHEST_JUMP = 1 << 32
+_LEAST_NUMBER = -(1 << 63)
+_USUAL_ENCODING = "cdr"
 _HEADER = struct.Struct(">16xH10xI")
 
 
@@ -29,68 +40,96 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     """Yield what can be read. `writable_schema` makes SQLite open a file that is shorter than its header says."""
     losses.n_bytes += path.stat().st_size
     losses.note_missing(_missing_bytes(path))
-    address = f"file:{quote(str(path.resolve()))}?mode=ro&immutable=1"
-    connection = sqlite3.connect(address, uri=True, isolation_level=None)
     try:
-        connection.text_factory = lambda text: text.decode("utf-8", "replace")
-        connection.execute("PRAGMA writable_schema=ON")
-        topics = _topics(connection, losses)
-        counts: Counter[int] = Counter()
-        for topic_id, stamp_ns, data in _rows(connection, losses):
-            if (
-                isinstance(topic_id, int)
-                and topic_id in topics
-                and isinstance(stamp_ns, int)
-                and isinstance(data, bytes)
-            ):
-                yield StoredMessage(stamp_ns, stamp_ns, counts[topic_id], topics[topic_id], data)
-                counts[topic_id] += 1
-            else:
-                is_orphan = isinstance(stamp_ns, int) and isinstance(data, bytes)
-                losses.note(ORPHAN if is_orphan else "rows are no messages", messages=1)
+        with open_tables(path) as connection:
+            connection.text_factory = lambda text: text.decode("utf-8", "backslashreplace")
+            connection.execute("PRAGMA writable_schema=ON")
+            odd = odd_tables(connection)
+            for why in odd.values():
+                losses.note(why)
+            if MESSAGES in odd:
+                return
+            topics = (
+                {} if TOPICS in odd else _topics(connection, losses, has_definitions=DEFINITIONS not in odd)
+            )
+            yield from _messages(connection, topics, losses)
     except sqlite3.Error as err:
-        losses.note(words_of(err))
-    finally:
-        connection.close()
+        losses.note(words_of_database(err))
 
 
-def _topics(connection: sqlite3.Connection, losses: Losses) -> dict[int, Channel]:
+def _messages(
+    connection: sqlite3.Connection, topics: dict[int, Channel], losses: Losses
+) -> Iterator[StoredMessage]:
+    """Rows that are messages of the topics, by their numbers."""
+    counts: Counter[int] = Counter()
+    for topic_id, stamp_ns, data in _rows(connection, losses):
+        if not (isinstance(stamp_ns, int) and isinstance(data, bytes)):
+            losses.note("rows are no messages", messages=1)
+        elif isinstance(topic_id, int) and topic_id in topics:
+            yield StoredMessage(stamp_ns, stamp_ns, counts[topic_id], topics[topic_id], data)
+            counts[topic_id] += 1
+        else:
+            losses.note(ORPHAN, messages=1)
+
+
+def _topics(connection: sqlite3.Connection, losses: Losses, *, has_definitions: bool) -> dict[int, Channel]:
     """Channels by number; bags before ROS 2 Iron hold no definitions of types, the first ones no profiles."""
     offered = dict(_optional(connection, "SELECT id, offered_qos_profiles FROM topics"))
+    query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions LIMIT ?"
     definitions = {
         kind: (str(written), str(text).encode())
-        for kind, written, text in _optional(
-            connection, "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        )
+        for kind, written, text in (_optional(connection, query, MOST_TOPICS) if has_definitions else [])
         if written and text
     }
-    topics = {}
-    rows = list(connection.execute("SELECT id, name, type, serialization_format FROM topics"))
+    query = "SELECT id, name, type, serialization_format FROM topics LIMIT ?"
+    rows = connection.execute(query, (MOST_TOPICS,)).fetchall()
     for why in nameless_topics((name, kind) for _, name, kind, _ in rows):
         losses.note(why)
-    for number, name, kind, encoding in rows:
+    names = _names([(number, name) for number, name, *_ in rows])
+    topics: dict[int, Channel] = {}
+    for (number, _, kind, stated), name in zip(rows, names, strict=True):
+        if number in topics:
+            losses.note(
+                f"{topics[number].topic} and {name} have one number, so their messages are not told apart"
+            )
+        encoding = text_of(stated) if isinstance(stated, str) else _USUAL_ENCODING
+        if not isinstance(stated, str):
+            losses.note(words_of_encoding(name))
         profiles = (("offered_qos_profiles", str(offered.get(number) or "")),)
         schema = definitions.get(kind, ("", b""))
-        topics[number] = Channel(text_of(name), str(encoding), text_of(kind), *schema, profiles)
+        topics[number] = Channel(name, encoding, text_of(kind), *schema, profiles)
     return topics
 
 
-def _optional(connection: sqlite3.Connection, query: str) -> list[tuple[Any, ...]]:
+def _names(rows: Sequence[tuple[object, object]]) -> list[str]:
+    """Names of topics from their numbers and names; those that are no text are kept apart from all others."""
+    taken = {name for _, name in rows if isinstance(name, str)}
+    names = []
+    for number, name in rows:
+        shown = text_of(name)
+        if not isinstance(name, str) and (not shown or shown in taken):
+            shown = f"{shown or '/nameless'}_{text_of(number)}"
+        taken.add(shown)
+        names.append(shown)
+    return names
+
+
+def _optional(connection: sqlite3.Connection, query: str, *values: int) -> list[tuple[Any, ...]]:
     """Rows of a query; none where the bag has no such table or column, or it is damaged."""
     try:
-        return list(connection.execute(query))
+        return connection.execute(query, values).fetchall()
     except sqlite3.Error:
         return []
 
 
 def _rows(connection: sqlite3.Connection, losses: Losses) -> Iterator[tuple[object, object, object]]:
     """Rows by ascending number; behind one that cannot be read the next is looked for in growing steps."""
-    last, jump, gaps = -1, 1, 0
+    last, jump, gaps = _LEAST_NUMBER, 0, 0
     while gaps < _MOST_GAPS and jump < _FARTHEST_JUMP:
-        query = "SELECT id, topic_id, timestamp, data FROM messages WHERE id >= ? ORDER BY id"
+        query = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid >= ? ORDER BY rowid"
         try:
             for number, *row in connection.execute(query, (last + jump,)):
-                if not isinstance(number, int) or number <= last:
+                if not isinstance(number, int) or number < last + jump:
                     msg = "rows are out of order"
                     raise sqlite3.DatabaseError(msg)
                 if jump > 1:
@@ -99,9 +138,14 @@ def _rows(connection: sqlite3.Connection, losses: Losses) -> Iterator[tuple[obje
                 yield row[0], row[1], row[2]
             return
         except sqlite3.Error as err:
-            losses.note(words_of(err))
-            gaps += jump == 1
-            jump *= 2
+            why = words_of_database(err)
+            losses.note(why)
+            if why == TOO_LONG:
+                return
+            # Recorders number from 1 on.
+            last = max(last, 0)
+            gaps += jump <= 1
+            jump = max(2 * jump, 1)
 
 
 def _missing_bytes(path: Path) -> int:

@@ -7,7 +7,6 @@ once more in the summary at the end.
 
 from __future__ import annotations
 
-import mmap
 import struct
 import zlib
 from bisect import bisect_right
@@ -24,7 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata, Schema
 from mcap.records import Channel as ChannelRecord
 
-from dynmap_cli.ingest.containers.unpacking import unpack
+from dynmap_cli.ingest.containers.unpacking import unpack, view_of
 from dynmap_cli.ingest.messages.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.printable import printable
 
@@ -73,8 +72,7 @@ def mcap_bytes_behind(path: Path) -> int:
 
     A summary without a checksum may be that of another file, to which this one was appended; 0 where there is none.
     """
-    with path.open("rb") as stream:
-        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    view = view_of(path)
     footer_start = len(view) - _MAGIC_BYTES - _FOOTER.size
     if footer_start < _MAGIC_BYTES:
         return 0
@@ -135,8 +133,7 @@ class _Names:
 
 def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...]]:
     """Attachments and metadata that are whole; attachments that fail their checksum are left out."""
-    with path.open("rb") as stream:
-        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    view = view_of(path)
     attachments, metadata = [], []
     for record in _records(view, _MAGIC_BYTES, Losses(), _known_places(view, summary_state(path))):
         if not record.is_whole or record.op not in {Opcode.ATTACHMENT, Opcode.METADATA}:
@@ -157,8 +154,7 @@ def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
 
     Behind that one reading goes on with the next chunk, where there is a summary that can be believed.
     """
-    with path.open("rb") as stream:
-        view = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    view = view_of(path)
     losses.n_bytes += len(view)
     names = _Names()
     summary = summary_state(path)

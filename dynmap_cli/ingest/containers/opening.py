@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import stat
 import zipfile
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -279,7 +280,7 @@ def _source_in_zip(
     if not found and whys:
         raise _cannot_unpack(name, "zip", "; ".join(whys[:3]))
     if len(found) != 1:
-        inside = ", ".join(str(inner.relative_to(folder)) for inner in found[:5]) or "none"
+        inside = printable(", ".join(str(inner.relative_to(folder)) for inner in found[:5])) or "none"
         msg = (
             f"{name}: a .zip must hold exactly one recording, found {len(found)} ({inside}). "
             "Unpack it and pass the one you mean."
@@ -304,11 +305,15 @@ def _members(path: Path, stack: ExitStack, whys: list[str]) -> list[Member]:
 
 
 def _refuse_unsafe(members: Sequence[Member], folder: Path, name: str) -> None:
-    """Refuse member names that would be written outside *folder*, and more members than a recording has."""
+    """Refuse names that would be written outside *folder* or over one another, and more files than a recording has."""
     if len(members) > _MOST_MEMBERS:
         msg = f"{name}: holds {len(members)} files (at most {_MOST_MEMBERS}). Unpack it and pass the recording inside."
         raise LogError(msg)
     root = folder.resolve()
+    for known, count in Counter(member.name for member in members).items():
+        if count > 1:
+            msg = f"{name}: holds {count} files of the name {known!r:.200}. Unpack it and pass the recording you mean."
+            raise LogError(msg)
     for member in members:
         if not (root / member.name).resolve().is_relative_to(root):
             msg = f"{name}: holds the unsafe path {member.name!r:.200}, so it is not unpacked"

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from dynmap_cli.ingest.containers.bag1_records import bag1_messages
-from dynmap_cli.ingest.containers.bags import UnreadableBagError, decode_message
+from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError
 from dynmap_cli.ingest.containers.db3_rows import db3_messages
 from dynmap_cli.ingest.containers.mcap_records import mcap_messages
+from dynmap_cli.ingest.containers.type_stores import decode_message
 from dynmap_cli.ingest.messages.batches import Batches
 from dynmap_cli.ingest.messages.blocks import block_of
 from dynmap_cli.ingest.messages.foxglove import as_ros

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import bz2
+import mmap
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import lz4.frame
@@ -20,6 +22,14 @@ _DECODERS: dict[str, Callable[[], Any]] = {
 
 
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+def view_of(path: Path) -> memoryview:
+    """The bytes of a file, which are not read before they are looked at."""
+    with path.open("rb") as stream:
+        # An empty file cannot be mapped.
+        is_empty = path.stat().st_size == 0
+        return memoryview(b"" if is_empty else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
 
 
 def unpacked_message(data: bytes) -> bytes:

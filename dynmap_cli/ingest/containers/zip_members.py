@@ -24,6 +24,7 @@ _BLOCK_BYTES = 1 << 12
 _ZIP64_EXTRA = 1
 _SIZES_64 = struct.Struct("<QQ")
 _LARGEST_STEP = 1 << 20
+_NAMELESS = "nameless"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +54,9 @@ def members_of(archive: zipfile.ZipFile, path: Path) -> list[Member]:
     found = []
     with path.open("rb") as stream:
         for info in archive.infolist():
-            if not info.is_dir():
-                found.append(Member(info.filename, _reader_of(archive, info, path, stream)))
+            # Of an empty name zipfile cannot tell whether it is that of a folder.
+            if not info.filename.endswith("/"):
+                found.append(Member(info.filename or _NAMELESS, _reader_of(archive, info, path, stream)))
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import B1, F64, I64
-from dynmap_cli.ingest.messages.blocks import Block, joined
+from dynmap_cli.ingest.messages.blocks import Block, joined, packed
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.messages.layouts import MOST_TRANSFORMS, Layout, has_layout, layout_of
 from dynmap_cli.ingest.messages.ros_messages import (
@@ -28,6 +28,8 @@ from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransf
 
 _BATCH, _BATCH_BYTES = 2048, 1 << 20
 _MOST_LAYOUTS = 32
+MOST_MESSAGE_BYTES = 1 << 24
+"""Four million beams, or a hundred thousand transforms; clouds, which may be larger, are read elsewhere."""
 _LEAST_RUN = 8
 _ANGLES_AND_LIMITS = [0, 1, 2, 5, 6]
 _TIME_INCREMENT = 3
@@ -77,6 +79,7 @@ class Batches:
 
     def add(self, block: Block) -> None:
         """Take messages."""
+        block = self._of_sane_size(block)
         if not block.starts.size:
             return
         seen, first = np.unique(block.channels, return_index=True)
@@ -101,6 +104,14 @@ class Batches:
         self._n_bytes += block.content.size
         if self._n_messages >= _BATCH or self._n_bytes >= _BATCH_BYTES:
             self.finish()
+
+    def _of_sane_size(self, block: Block) -> Block:
+        """Messages without those that are larger than any laser sends: they would take many times their size."""
+        is_sane = block.sizes <= MOST_MESSAGE_BYTES
+        for number in block.channels[~is_sane].tolist():
+            topic, _ = self._names[number]
+            self._recording.drop_broken(f"message on {topic} of more than {MOST_MESSAGE_BYTES >> 20} MiB")
+        return block if is_sane.all() else packed(block.picked(is_sane))
 
     def finish(self) -> None:
         """Read what is waiting."""

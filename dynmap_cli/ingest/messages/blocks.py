@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -111,11 +111,24 @@ def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:
             data.append(message)
         if not data:
             return
+        check_rows(logged_ns, data)
         block = block_of(data, channels, logged_ns)
         yield block
         n_at_once = min(
             max(_BYTES_AT_ONCE * len(data) // (block.n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE
         )
+
+
+def check_rows(logged_ns: Iterable[object], data: Iterable[object]) -> None:
+    """Refuse what is no message: a .db3 may hold anything, and a time that is a fraction would be cut in silence.
+
+    Raises
+    ------
+    ValueError
+    """
+    if {*map(type, logged_ns)} != {int} or not {*map(type, data)} <= {bytes, memoryview}:
+        msg = "rows are no messages"
+        raise ValueError(msg)
 
 
 def joined(blocks: Sequence[Block]) -> Block:

@@ -143,8 +143,13 @@ def nameless_topics(topics: Iterable[tuple[object, object]]) -> list[str]:
 
 def text_of(value: object) -> str:
     """A name or type from a table, printable; what is no text is shown as well as it can be, "" where it is missing."""
-    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    text = value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else value
     return "" if text is None else printable(str(text))
+
+
+def words_of_encoding(topic: str) -> str:
+    """What is wrong with a topic of a .db3 of which the encoding is no text."""
+    return f"the encoding of {topic} is no text, and taken to be cdr"
 
 
 def words_of_rest(n_bytes: int) -> str:

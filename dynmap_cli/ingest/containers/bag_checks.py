@@ -1,0 +1,109 @@
+"""What is wrong with a bag that rosbags opens all the same, or would not come back from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import storage_sqlite3
+
+from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
+from dynmap_cli.ingest.containers.db3_tables import fault_of_tables
+from dynmap_cli.ingest.containers.mcap_records import (
+    BROKEN_SUMMARY,
+    SummaryState,
+    mcap_bytes_behind,
+    summary_state,
+)
+from dynmap_cli.ingest.messages.stored import nameless_topics, words_of_encoding, words_of_rest
+from dynmap_cli.printable import printable
+
+
+class UnreadableBagError(Exception):
+    """A bag that rosbags refuses.
+
+    Attributes
+    ----------
+    why : str
+        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
+    """
+
+    def __init__(self, why: str) -> None:
+        super().__init__(why)
+        self.why = why
+
+
+def check_file(file: Path) -> None:
+    """Refuse what the library would not notice, or not come back from."""
+    if file.suffix == ".mcap":
+        _check_summary(file)
+    elif file.suffix == ".db3" and (fault := fault_of_tables(file)):
+        raise UnreadableBagError(fault)
+
+
+def _check_summary(file: Path) -> None:
+    """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
+    state = summary_state(file)
+    if state is SummaryState.BROKEN:
+        raise UnreadableBagError(BROKEN_SUMMARY)
+    n_behind = mcap_bytes_behind(file) if state is SummaryState.UNKNOWN else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
+
+
+def check_folder(inner: Any) -> None:
+    """Refuse a folder whose metadata.yaml leaves out a topic that its files hold: nobody would read its messages."""
+    known = {(one.topic, one.msgtype) for one in inner.connections}
+    for file in files_of(inner):
+        for one in file.connections:
+            if one.msgcount and (one.topic, one.msgtype) not in known:
+                msg = f"its metadata.yaml does not name {printable(str(one.topic))}, of which its files hold messages"
+                raise UnreadableBagError(msg)
+
+
+def check_topics(reader: AnyReader) -> None:
+    """Refuse topics whose name, type or encoding is no text; nothing checks that in the tables of a .db3."""
+    for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
+        raise UnreadableBagError(why)
+    for one in reader.connections:
+        if not isinstance(getattr(one.ext, "serialization_format", ""), str):
+            raise UnreadableBagError(words_of_encoding(one.topic))
+
+
+def check_index(reader: Any) -> None:
+    """Refuse a ROS 1 bag that goes on behind its index, or whose index leaves out messages that its chunks hold."""
+    chunks = getattr(reader, "chunk_infos", [])
+    stated = sum(sum(chunk.connection_counts.values()) for chunk in chunks)
+    indexed = sum(len(entries) for entries in getattr(reader, "indexes", {}).values())
+    if chunks and stated != indexed:
+        msg = f"its index has {indexed} messages, its chunks {stated}"
+        raise UnreadableBagError(msg)
+    n_behind = bag1_bytes_behind(reader.path) if chunks else 0
+    if n_behind:
+        raise UnreadableBagError(words_of_rest(n_behind))
+
+
+def files_of(inner: Any) -> list[Any]:
+    """What reads each file of a ROS 2 bag; none of a ROS 1 bag."""
+    outer = getattr(inner, "storage", None)
+    return [] if outer is None else getattr(outer, "storages", [outer])
+
+
+def count_orphans(reader: AnyReader) -> int:
+    """Count rows whose topic is not among those of their .db3, which no query gives; rosbags has counted both."""
+    files = [file for inner in reader.readers for file in files_of(inner)]
+    return sum(
+        max(file.metadata.message_count - sum(one.msgcount for one in file.connections), 0)
+        for file in files
+        if isinstance(file, storage_sqlite3.Sqlite3Reader)
+    )
+
+
+def missing_messages(reader: AnyReader) -> str:
+    """Say by how much the files of a folder hold another number of messages than its metadata.yaml says; or ""."""
+    readers: Any = reader.readers
+    stated = sum(one.msgcount for inner in readers for one in inner.connections)
+    files = [file for inner in readers for file in files_of(inner)]
+    held = sum(file.metadata.message_count for file in files)
+    return "" if held == stated else f"it says that it holds {stated} messages, and holds {held}"

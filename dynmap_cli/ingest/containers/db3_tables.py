@@ -1,0 +1,106 @@
+"""A .db3 before it is read: what may take for ever, or hides rows, is found first, and nothing else is run.
+
+SQL in a file can make a table of nothing: a view, a virtual table, a computed column. Pages that are used over and
+over do the same. So only real tables are read, for no longer than a file of its size takes.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import quote
+
+from dynmap_cli.ingest.messages.stored import words_of
+
+MESSAGES, TOPICS, DEFINITIONS = "messages", "topics", "message_definitions"
+MOST_TOPICS = 10_000
+_LOOKED_AT = (MESSAGES, TOPICS, DEFINITIONS, "schema", "metadata")
+_STEPS_AT_LEAST, _STEPS_PER_BYTE = 1 << 23, 2
+"""Steps of SQLite's machine; a row takes about ten of them, and not less than 20 bytes."""
+_STEPS_AT_ONCE = 1 << 14
+_BY_INDEX = 'SELECT total(1) FROM messages INDEXED BY "{}"'
+TOO_LONG = "its tables hold more rows than have room in the file"
+
+
+@contextmanager
+def open_tables(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a .db3 to be read only, with a bound on the work it may take; no file beside it is made or looked for.
+
+    Raises
+    ------
+    sqlite3.Error
+        From its queries, if it is damaged or takes too long.
+    """
+    address = f"file:{quote(str(path.resolve()))}?mode=ro&immutable=1"
+    connection = sqlite3.connect(address, uri=True, isolation_level=None)
+    left = _STEPS_AT_LEAST + _STEPS_PER_BYTE * path.stat().st_size
+
+    def is_over() -> int:
+        nonlocal left
+        left -= _STEPS_AT_ONCE
+        return int(left < 0)
+
+    connection.set_progress_handler(is_over, _STEPS_AT_ONCE)
+    try:
+        yield connection
+    finally:
+        connection.close()
+
+
+def fault_of_tables(path: Path) -> str:
+    """Say why the tables of a .db3 are not to be read as they are; "" where nothing is wrong with them."""
+    try:
+        with open_tables(path) as connection:
+            faults = odd_tables(connection)
+            if faults:
+                return "; ".join(faults.values())
+            n_topics = _count(connection, "SELECT total(1) FROM topics NOT INDEXED")
+            if n_topics > MOST_TOPICS:
+                return f"it has {n_topics} topics (at most {MOST_TOPICS})"
+            return _hidden_rows(connection)
+    except sqlite3.Error as err:
+        return words_of_database(err)
+
+
+def odd_tables(connection: sqlite3.Connection) -> dict[str, str]:
+    """What is wrong with each table that is read and is none, or has columns that are computed."""
+    faults = {}
+    query = "SELECT name, type, sql FROM sqlite_master WHERE lower(name) = ?"
+    for table in _LOOKED_AT:
+        for _, kind, statement in connection.execute(query, (table,)).fetchall():
+            is_plain = str(statement).upper().split()[:2] == ["CREATE", "TABLE"]
+            if kind != "table" or not is_plain:
+                what = "a virtual table" if kind == "table" else f"a {kind}"
+                faults[table] = f"its {table} is {what}, which is not read"
+                continue
+            columns = connection.execute(f"PRAGMA table_xinfo({table})").fetchall()
+            computed = [str(name) for _, name, *_, hidden in columns if hidden]
+            if computed:
+                faults[table] = f"its {table} has the computed column {computed[0]!r}, which is not read"
+    return faults
+
+
+def words_of_database(err: sqlite3.Error) -> str:
+    """What SQLite complains of."""
+    return TOO_LONG if str(err) == "interrupted" else words_of(err)
+
+
+def _hidden_rows(connection: sqlite3.Connection) -> str:
+    """Say which index leaves out messages, or has too many: by it they are counted and put into order."""
+    query = "SELECT name FROM sqlite_master WHERE type = 'index' AND lower(tbl_name) = ? AND sql IS NOT NULL"
+    names = [str(name) for (name,) in connection.execute(query, (MESSAGES,)).fetchall()]
+    n_rows = _count(connection, "SELECT total(1) FROM messages NOT INDEXED") if names else 0
+    for name in names:
+        quoted = name.replace('"', '""')
+        n_indexed = _count(connection, _BY_INDEX.format(quoted))
+        if n_indexed != n_rows:
+            return f"its index {name!r} has {n_indexed} messages, its table {n_rows}"
+    return ""
+
+
+def _count(connection: sqlite3.Connection, query: str) -> int:
+    """Number of rows, counted one by one, for only so the bound on the work holds."""
+    ((count,),) = connection.execute(query).fetchall()
+    return int(count)
