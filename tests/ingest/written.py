@@ -191,7 +191,15 @@ def lone_file(folder: Path, suffix: str) -> Path:
     return next(folder.glob(f"*{suffix}"))
 
 
-def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr", **options: Any) -> Path:
+def write_mcap(
+    path: Path,
+    world: World,
+    profile: str,
+    encoding: str = "cdr",
+    *,
+    has_short_names: bool = False,
+    **options: Any,
+) -> Path:
     """MCAP of any profile; encoding "cdr" (ros2msg), "ros1" (ros1msg) or another name, as is."""
     store, suffix = (ROS1, "ros1msg") if encoding == "ros1" else (ROS2, "ros2msg")
     with path.open("wb") as stream:
@@ -200,7 +208,7 @@ def write_mcap(path: Path, world: World, profile: str, encoding: str = "cdr", **
         channels: dict[str, int] = {}
         for topic, kind, logged_ns, fields in world.messages():
             if topic not in channels:
-                name = kind.replace("/msg/", "/") if encoding == "ros1" else kind
+                name = kind.replace("/msg/", "/") if encoding == "ros1" or has_short_names else kind
                 definition = store.generate_msgdef(kind, ros_version=1 if encoding == "ros1" else 2)[0]
                 schema = writer.register_schema(name, suffix, definition.encode())
                 channels[topic] = writer.register_channel(topic, encoding, schema)

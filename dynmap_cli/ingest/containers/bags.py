@@ -38,7 +38,7 @@ from dynmap_cli.ingest.messages.foxglove import DEFINITIONS, as_ros, decode_json
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, TRANSFORM_TYPES, USED_TYPES
 from dynmap_cli.ingest.messages.layouts import has_layout, layout_of
 from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
-from dynmap_cli.ingest.messages.stored import Channel, nameless_topics, words_of, words_of_rest
+from dynmap_cli.ingest.messages.stored import Channel, nameless_topics, ros2_spelling, words_of, words_of_rest
 from dynmap_cli.ingest.raw.recording import RawRecording, Topic
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.printable import printable
@@ -48,6 +48,7 @@ _ROS2_DEFAULT = Stores.ROS2_HUMBLE
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NO_TOPICS = "its metadata.yaml names no topic"
 _NOT_ROS2_PROFILE = "Profile is not ros2"
+_NOTHING_WRONG = ""
 
 
 def _bound_blocks() -> None:
@@ -71,7 +72,8 @@ class UnreadableBagError(Exception):
     Attributes
     ----------
     why : str
-        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
+        What is wrong with it; "" for an MCAP file of a profile other than "ros2", or with types named as in ROS 1,
+        with which nothing is wrong.
     """
 
     def __init__(self, why: str) -> None:
@@ -160,6 +162,11 @@ def _open(path: Path) -> Iterator[AnyReader]:
             raise UnreadableBagError(_NO_TOPICS)
         for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
             raise UnreadableBagError(why)
+        if any(
+            one.msgtype not in USED_TYPES and ros2_spelling(one.msgtype) in USED_TYPES
+            for one in reader.connections
+        ):
+            raise UnreadableBagError(_NOTHING_WRONG)
         used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
         check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
@@ -168,7 +175,7 @@ def _open(path: Path) -> Iterator[AnyReader]:
     except Exception as err:
         _close(reader)
         why = _ABOUT_FILE.sub("", words_of(err))
-        raise UnreadableBagError("" if _NOT_ROS2_PROFILE in why else why) from err
+        raise UnreadableBagError(_NOTHING_WRONG if _NOT_ROS2_PROFILE in why else why) from err
     try:
         yield reader
     finally:
