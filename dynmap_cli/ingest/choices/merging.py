@@ -128,10 +128,10 @@ def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
         into.append(laser, number)
     for name, track in recording.odometry.items():
         kept = joined.odometry.setdefault(name, RawOdometry(name, track.frame, track.child))
-        kept.add_many(track.stamps_ns, track.poses)
+        kept.add_many(track.stamps_ns, track.logged_ns, track.poses)
     for pair, transform in recording.transforms.items():
         edge = joined.transforms.setdefault(pair, RawTransform(transform.is_static))
-        edge.add_many(transform.stamps_ns, transform.values)
+        edge.add_many(transform.stamps_ns, transform.logged_ns, transform.values)
     joined.topics += recording.topics
     joined.dropped += recording.dropped
     joined.damage += recording.damage

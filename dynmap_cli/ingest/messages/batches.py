@@ -179,7 +179,7 @@ class Batches:
 
     def _take_transforms(self, groups: list[_Group], block: Block, timely: B1) -> None:
         """Keep the transforms of tf messages, those of a pair of frames in the order of the messages."""
-        found: dict[tuple[str, str], list[tuple[I64, I64, F64]]] = {}
+        found: dict[tuple[str, str], list[tuple[I64, I64, I64, F64]]] = {}
         for group in groups:
             rows = group.rows[timely[group.rows]]
             messages = block.picked(rows)
@@ -187,7 +187,9 @@ class Batches:
                 places = rows * MOST_TRANSFORMS + number
                 stamps_ns = group.layout.stamps_ns(messages, part)
                 values = group.layout.pose_values(messages, part)
-                found.setdefault((part.frame, part.child), []).append((places, stamps_ns, values))
+                found.setdefault((part.frame, part.child), []).append(
+                    (places, stamps_ns, messages.logged_ns, values)
+                )
         for pair, pieces in found.items():
             places = np.concatenate([piece[0] for piece in pieces])
             if places.size == 0:
@@ -201,6 +203,7 @@ class Batches:
             kept.add_many(
                 np.concatenate([piece[1] for piece in pieces])[order],
                 np.concatenate([piece[2] for piece in pieces])[order],
+                np.concatenate([piece[3] for piece in pieces])[order],
             )
 
 
@@ -295,7 +298,7 @@ def _take_odometry(recording: RawRecording, batch: _Batch) -> None:
     if track is None:
         track = RawOdometry(topic, plain_frame(part.frame), plain_frame(part.child))
         recording.odometry[topic] = track
-    track.add_many(stamps_ns[good], poses[good])
+    track.add_many(stamps_ns[good], batch.messages.logged_ns[good], poses[good])
 
 
 def _yaws(quaternions: F64) -> F64:

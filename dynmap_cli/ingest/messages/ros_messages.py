@@ -195,7 +195,7 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
             message.topic, plain_frame(odometry.header.frame_id), plain_frame(odometry.child_frame_id)
         ),
     )
-    track.add(stamp_ns, values)
+    track.add(stamp_ns, message.logged_ns, values)
 
 
 def yaw_of(q: Any) -> float:
@@ -216,7 +216,7 @@ def _take_transforms(recording: RawRecording, message: Message) -> None:
             kept = transforms[pair] = RawTransform(message.topic.endswith("tf_static"))
         stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
         values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
-        kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, values)
+        kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, message.logged_ns, values)
 
 
 def _clean_transforms(recording: RawRecording) -> None:
@@ -236,7 +236,7 @@ def _clean_transforms(recording: RawRecording) -> None:
             raw.give_back()
             continue
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
-        kept.add_many(raw.stamps_ns[is_pose], raw.values[is_pose])
+        kept.add_many(raw.stamps_ns[is_pose], raw.logged_ns[is_pose], raw.values[is_pose])
 
 
 def _are_transforms(values: F64) -> B1:
@@ -252,6 +252,22 @@ def _are_transforms(values: F64) -> B1:
 
 def mend_stamps(recording: RawRecording) -> None:
     """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
+    for track in recording.odometry.values():
+        if track.stamps_ns.size > 1 and np.ptp(track.stamps_ns) == 0:
+            track.stamps_ns = track.logged_ns
+            recording.warnings.append(
+                f"{track.name}: all poses have the same time stamp; the times of recording are used"
+            )
+    for (parent, child), transform in recording.transforms.items():
+        if (
+            transform.stamps_ns.size > 1
+            and np.ptp(transform.stamps_ns) == 0
+            and np.ptp(transform.values, axis=0).any()
+        ):
+            transform.stamps_ns = transform.logged_ns
+            recording.warnings.append(
+                f"{parent} -> {child}: all transforms have the same time stamp; the times of recording are used"
+            )
     for laser in recording.lasers.values():
         unstamped = int(np.count_nonzero(laser.stamps_ns == 0))
         if np.ptp(laser.stamps_ns) == 0 and (unstamped or laser.n_scans > 1):

@@ -14,7 +14,7 @@ from dynmap_cli.ingest.raw.laser import RawLaser
 
 
 class StampedRows:
-    """Stamps, and a row of numbers at each, in the order of recording.
+    """Stamps, times of recording, and a row of numbers at each, in the order of recording.
 
     Parameters
     ----------
@@ -24,16 +24,19 @@ class StampedRows:
 
     def __init__(self, width: int) -> None:
         self._stamps_ns = Growing(np.int64)
+        self._logged_ns = Growing(np.int64)
         self._rows = Growing(np.float64, width)
 
-    def add(self, stamp_ns: int, row: tuple[float, ...]) -> None:
+    def add(self, stamp_ns: int, logged_ns: int, row: tuple[float, ...]) -> None:
         """Append one row."""
         self._stamps_ns.add(stamp_ns)
+        self._logged_ns.add(logged_ns)
         self._rows.add(row)
 
-    def add_many(self, stamps_ns: I64, rows: F64) -> None:
+    def add_many(self, stamps_ns: I64, logged_ns: I64, rows: F64) -> None:
         """Append rows (n, width)."""
         self._stamps_ns.extend(stamps_ns)
+        self._logged_ns.extend(logged_ns)
         self._rows.extend(rows)
 
     @property
@@ -45,9 +48,15 @@ class StampedRows:
     def stamps_ns(self, stamps_ns: I64) -> None:
         self._stamps_ns.rows = stamps_ns
 
+    @property
+    def logged_ns(self) -> I64:
+        """(n,) when the messages were recorded; the stamps where only these are known."""
+        return self._logged_ns.rows
+
     def give_back(self) -> None:
         """Take what is in files out of memory."""
         self._stamps_ns.give_back()
+        self._logged_ns.give_back()
         self._rows.give_back()
 
 

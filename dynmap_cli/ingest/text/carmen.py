@@ -122,7 +122,7 @@ class _Reader:
             track = self.recording.odometry.get(name)
             if track is None:
                 track = self.recording.odometry[name] = RawOdometry(name)
-            track.add_many(stamps_ns, poses[:, -3:])
+            track.add_many(stamps_ns, stamps_ns, poses[:, -3:])
         # Without a pose the laser is not at the robot's centre, but in a frame that nothing joins to it.
         frame = "" if poses.size else name
         start = 0
