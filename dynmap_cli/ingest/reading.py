@@ -50,6 +50,7 @@ from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.turns import agreement_at
+from dynmap_cli.ingest.choices.units import mend_units
 from dynmap_cli.ingest.containers.opening import Source, find_sources
 from dynmap_cli.ingest.raw.columns import blocks_of, picked_rows, put_rows, spans
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
@@ -199,6 +200,7 @@ def load_recordings(
             note_damaged_pack(recording, source.damage)
         if settings.strict and recording.damage:
             raise damage_refused(recording)
+        mend_units(recording)
         align_clocks(recording)
         drop_impossible(recording)
     return recordings

@@ -11,6 +11,10 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.ingest.raw.columns import Growing, RangeStore
 
 
+_LONGEST_REACH_M = 120.0
+"""No laser that sweeps a plane reaches farther."""
+
+
 class ScanShape(NamedTuple):
     """How the beams of a sweep lie; sweeps of one shape share a row of the geometry table.
 
@@ -36,6 +40,12 @@ class ScanShape(NamedTuple):
     def bearings_rad(self) -> F64:
         """(n_beams,) directions in the sensor frame."""
         return np.asarray(self.first_bearing_rad + self.increment_rad * np.arange(self.n_beams))
+
+    def scaled(self, metres: float) -> ScanShape:
+        """The same where limits are in a unit of so many metres, unless the reach is one in metres already."""
+        if self.range_max_m <= _LONGEST_REACH_M:
+            return self
+        return self._replace(range_min_m=self.range_min_m * metres, range_max_m=self.range_max_m * metres)
 
 
 class RawLaser:
@@ -140,6 +150,12 @@ class RawLaser:
         """Write the ranges of sweeps into the rows of a table (n, widest); the rest of a row stays as it is."""
         lengths = self._lengths[self.shape_index[numbers]]
         self._ranges.fill(into, self._places.rows[numbers], lengths)
+
+    def scale_ranges(self, metres: float) -> None:
+        """Bring ranges to metres that are in a unit of so many, and limits that are too large for metres."""
+        self._ranges = self._ranges.scaled(metres)
+        self.shape_table = [shape.scaled(metres) for shape in self.shape_table]
+        self._numbers = {shape: number for number, shape in enumerate(self.shape_table)}
 
     def taken_ranges(self) -> F32 | None:
         """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one file in order."""
