@@ -48,6 +48,7 @@ from dynmap_cli.ingest.choices.odometry import (
 )
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
+from dynmap_cli.ingest.choices.renamed import join_renamed
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.turns import agreement_at
 from dynmap_cli.ingest.choices.units import mend_units
@@ -122,6 +123,7 @@ def _merge_drive(
     names = tuple(recording.name for recording in drive.recordings)
     tree = FrameTree({pair: make_edge(raw) for pair, raw in joined.transforms.items()})
     base = find_base(joined, tree, settings)
+    join_renamed(joined, tree, base)
     choices = _chosen_lasers(joined, tree, base, settings)
     used = [choice for choice in choices if choice.used]
     mountings = [mounting_of(choice, settings, joined) for choice in used]

@@ -19,7 +19,7 @@ from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.choices.clocks import UNDATED_BEFORE_NS
 from dynmap_cli.ingest.raw.columns import blocks_of, kept_rows
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
-from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform
+from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, topic_of
 
 _OVERLAP_S = 1.0
 _JUMP_M, _JUMP_M_PER_S = 1.0, 2.0
@@ -124,7 +124,9 @@ def _have_same_stamps(a: RawRecording, b: RawRecording) -> bool:
 def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     """Add the content of one recording."""
     for name, laser in recording.lasers.items():
-        into = joined.lasers.setdefault(name, RawLaser(name, laser.frame, laser.robot_from_sensor))
+        into = joined.laser(topic_of(name), laser.frame)
+        if into.n_scans == 0:
+            into.robot_from_sensor = laser.robot_from_sensor
         into.append(laser, number)
     for name, track in recording.odometry.items():
         kept = joined.odometry.setdefault(name, RawOdometry(name, track.frame, track.child))

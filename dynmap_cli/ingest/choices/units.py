@@ -1,8 +1,8 @@
 """Ranges that are not in metres: told by their size, for no laser that sweeps a plane sees most things 100 m away.
 
-Three quarters of the returns lie within 2 to 12 m where robots drive, that is below 1200 in centimetres and from 1800 on
-in millimetres. A reach that is stated comes first: in metres the returns have to keep to it, in the unit of the ranges it
-has to be that of a laser.
+Three quarters of the returns lie within 2 to 12 m where robots drive, that is below 1200 in centimetres and from 1800
+on in millimetres. A reach that is stated comes first: in metres the returns have to keep to it, in the unit of the
+ranges it has to be that of a laser.
 """
 
 from __future__ import annotations

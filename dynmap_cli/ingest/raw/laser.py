@@ -10,7 +10,6 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.ingest.raw.columns import Growing, RangeStore
 
-
 _LONGEST_REACH_M = 120.0
 """No laser that sweeps a plane reaches farther."""
 
@@ -109,7 +108,7 @@ class RawLaser:
             self.shape_table.append(shape)
         return number
 
-    def append(self, other: RawLaser, recording: int) -> None:
+    def append(self, other: RawLaser, recording: int | None = None) -> None:
         """Put the sweeps of the same laser in another recording, the number of which is given, behind these."""
         numbers = np.array([self.number_of(shape) for shape in other.shape_table], dtype=np.int32)
         self._places.extend(other._places.rows + self._ranges.take_over(other._ranges))
@@ -117,10 +116,11 @@ class RawLaser:
         self._logged_ns.extend(other.logged_ns)
         self._shape_index.extend(numbers[other.shape_index])
         self._beam_interval_s.extend(other.beam_interval_s)
-        self._recording.extend(np.full(other.n_scans, recording, dtype=np.int32))
+        number = other.recording if recording is None else np.full(other.n_scans, recording, dtype=np.int32)
+        self._recording.extend(number)
 
-    def keep(self, wanted: B1) -> None:
-        """Forget all other sweeps."""
+    def keep(self, wanted: B1 | I64) -> None:
+        """Forget all other sweeps; of numbers the order counts."""
         for column in self._columns:
             column.rows = column.rows[wanted]
 

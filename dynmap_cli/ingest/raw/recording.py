@@ -12,6 +12,9 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.ingest.raw.columns import Growing
 from dynmap_cli.ingest.raw.laser import RawLaser
 
+_MOST_FRAMES = 4
+"""Further frames of one topic that are taken for lasers."""
+
 
 class StampedRows:
     """Stamps, times of recording, and a row of numbers at each, in the order of recording.
@@ -160,11 +163,22 @@ class RawRecording:
     folder: Path | None = None
 
     def laser(self, name: str, frame: str = "") -> RawLaser:
-        """The laser of a name, a new one where there is none yet."""
+        """The laser of a topic and frame, a new one where there is none yet.
+
+        Two lasers may publish on one topic; the second is named after topic and frame. Beyond a few frames they are
+        damage, and their sweeps those of the first.
+        """
         found = self.lasers.get(name)
         if found is None:
             found = self.lasers[name] = RawLaser(name, frame, folder=self.folder)
-        return found
+        if found.frame == frame:
+            return found
+        other = f"{name} ({frame})"
+        if other not in self.lasers:
+            if sum(one.startswith(f"{name} (") for one in self.lasers) >= _MOST_FRAMES:
+                return found
+            self.lasers[other] = RawLaser(other, frame, folder=self.folder)
+        return self.lasers[other]
 
     def give_back(self) -> None:
         """Take what is in files out of memory; it is read again where it is used."""
@@ -186,6 +200,11 @@ class RawRecording:
         self.dropped[what] += count
         if what not in self.damage:
             self.damage.append(what)
+
+
+def topic_of(laser_name: str) -> str:
+    """Topic of a laser, whose name may have its frame behind it."""
+    return laser_name.partition(" (")[0]
 
 
 def file_name(name: str) -> str:
