@@ -51,6 +51,7 @@ from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no
 from dynmap_cli.ingest.choices.renamed import join_renamed
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.turns import agreement_at
+from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
 from dynmap_cli.ingest.choices.units import mend_units
 from dynmap_cli.ingest.containers.opening import Source, find_sources
 from dynmap_cli.ingest.raw.columns import blocks_of, picked_rows, put_rows, spans
@@ -144,6 +145,7 @@ def _merge_drive(
         joined,
         has_odometry=bool(np.isfinite(poses).all(axis=1).any()),
     )
+    refuse_two_lasers(columns, joined.name)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
@@ -204,6 +206,7 @@ def load_recordings(
             raise damage_refused(recording)
         mend_units(recording)
         align_clocks(recording)
+        part_tracks(recording)
         drop_impossible(recording)
     return recordings
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I64
+from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.ingest.raw.columns import Growing
 from dynmap_cli.ingest.raw.laser import RawLaser
 
@@ -55,6 +55,11 @@ class StampedRows:
     def logged_ns(self) -> I64:
         """(n,) when the messages were recorded; the stamps where only these are known."""
         return self._logged_ns.rows
+
+    def keep(self, wanted: B1) -> None:
+        """Forget all other rows."""
+        for column in (self._stamps_ns, self._logged_ns, self._rows):
+            column.rows = column.rows[wanted]
 
     def give_back(self) -> None:
         """Take what is in files out of memory."""
