@@ -18,6 +18,7 @@ from dynmap_cli.ingest.messages.ros_messages import (
     LONGEST_SWEEP_S,
     MOST_QUATERNION,
     Message,
+    note_degrees,
     plain_frame,
     shape_of_angles,
     take_message,
@@ -250,6 +251,7 @@ def _take_scans(recording: RawRecording, batch: _Batch) -> None:
     good = batch.timely & has_shape & has_stamp
     if not good.any():
         return
+    note_degrees(recording, topic, float(values[0, 0]), float(values[0, 2]), part.n_beams)
     laser = recording.laser(topic, plain_frame(part.frame))
     interval_s = values[:, _TIME_INCREMENT].astype(np.float64)
     with np.errstate(all="ignore"):

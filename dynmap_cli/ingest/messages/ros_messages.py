@@ -20,6 +20,7 @@ from dynmap_cli.ingest.raw.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
     are_coordinates,
+    are_degrees,
     are_stamps,
     is_stamp,
     is_sweep,
@@ -109,11 +110,19 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     if fault or shape is None:
         recording.dropped[f"scan on {message.topic} {fault}"] += 1
         return
+    note_degrees(recording, message.topic, float(scan.angle_min), float(scan.angle_increment), ranges_m.size)
     laser = recording.laser(message.topic, plain_frame(scan.header.frame_id))
     interval_s = float(scan.time_increment)
     if not 0.0 <= interval_s * ranges_m.size <= LONGEST_SWEEP_S:
         interval_s = math.nan
     laser.add(stamp_ns, message.logged_ns, ranges_m, shape, interval_s)
+
+
+def note_degrees(recording: RawRecording, topic: str, first: float, step: float, n_beams: int) -> None:
+    """Say that the angles of a topic are in degrees, where they are."""
+    note = f"{topic}: its angles are in degrees"
+    if are_degrees(first, step, n_beams) and note not in recording.notes:
+        recording.notes.append(note)
 
 
 def _ranges_of(scan: Any) -> F32:
@@ -145,12 +154,14 @@ def shape_of_angles(
     The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
     is (nearly) zero, or of the wrong sign and does not lead to angle_max by way of the full circle either, the beams
     are spread between the two. Angles are rounded to 0.006 deg, so that
-    sensors which compute them anew for each sweep do not get a geometry for each.
+    sensors which compute them anew for each sweep do not get a geometry for each. Angles of many circles are degrees.
     """
     if abs(step) < _STEP_GRID_RAD or (
         (last - first) * step < 0.0 and not _leads_to(first, last, step, n_beams)
     ):
         step = (last - first) / max(n_beams - 1, 1)
+    if are_degrees(first, step, n_beams):
+        first, step = math.radians(first), math.radians(step)
     if not is_sweep(first, step, n_beams):
         return None
     increment_rad = round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12)
