@@ -88,6 +88,10 @@ class RawOdometry(StampedRows):
         """(n, 3) in the order of recording."""
         return self._rows.rows
 
+    @poses.setter
+    def poses(self, poses: F64) -> None:
+        self._rows.rows = poses
+
     def as_arrays(self) -> tuple[I64, F64]:
         """Stamps (n,) ascending, and poses (n, 3)."""
         return sorted_by_stamp(self.stamps_ns, self.poses)

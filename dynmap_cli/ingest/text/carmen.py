@@ -22,6 +22,7 @@ from dynmap_cli.ingest.raw.plausible import FARTHEST_M, are_coordinates, stamps_
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, Topic
 from dynmap_cli.ingest.text.carmen_lines import TIME_WORDS, Line, fault_of, take_apart
 from dynmap_cli.ingest.text.decimals import parse_decimals, parse_numbers
+from dynmap_cli.ingest.text.headings import are_headings_degrees
 from dynmap_cli.ingest.text.lost_lines import LostLines
 from dynmap_cli.ingest.text.text_lines import text_lines
 
@@ -167,8 +168,11 @@ class _Reader:
         self.lost.tell(self.recording)
         self.recording.topics = [Topic(word, "line", count) for word, count in sorted(self.counts.items())]
         self._leave_out_twins()
+        in_degrees = self._mend_headings()
         for word, parts in self.laser_poses.items():
             laser, poses = self.recording.lasers[word], np.concatenate(parts)
+            if word in in_degrees:
+                poses[:, [2, 5]] = np.radians(poses[:, [2, 5]])
             laser.robot_from_sensor = mounting(poses[:, 3:6], poses[:, 0:3])
             if laser.robot_from_sensor is None:
                 self.recording.warnings.append(
@@ -180,6 +184,18 @@ class _Reader:
             if name in self.recording.lasers:
                 self.recording.lasers[name].robot_from_sensor = np.array([offset_m, 0.0, yaw_rad])
         replace_lost_stamps(self.recording)
+
+    def _mend_headings(self) -> set[str]:
+        """Bring headings that are in degrees to radians, and say so; kinds of lines that had them."""
+        found = {name for name, track in self.recording.odometry.items() if are_headings_degrees(track.poses)}
+        for name in sorted(found):
+            poses = self.recording.odometry[name].poses.copy()
+            poses[:, 2] = np.radians(poses[:, 2])
+            self.recording.odometry[name].poses = poses
+            self.recording.warnings.append(
+                f"{name}: the robot drives along its headings if they are degrees: taken so"
+            )
+        return found
 
     def partial_twins(self) -> dict[str, str]:
         """Lines without a pose that go on for longer than those with one, and the latter."""
