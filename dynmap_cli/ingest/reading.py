@@ -17,6 +17,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clock_offsets import align_clocks
+from dynmap_cli.ingest.choices.clock_sets import join_set_clocks
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
     drop_impossible,
@@ -26,6 +27,7 @@ from dynmap_cli.ingest.choices.doubts import (
     note_shared_stamps,
     note_stamps,
     note_track,
+    refuse_frozen,
     stamps_jump,
 )
 from dynmap_cli.ingest.choices.frames import FrameTree, Mounting, make_edge
@@ -145,6 +147,7 @@ def _merge_drive(
         joined,
         has_odometry=bool(np.isfinite(poses).all(axis=1).any()),
     )
+    refuse_frozen(columns, odometry.path_m, joined.name)
     refuse_two_lasers(columns, joined.name)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
@@ -205,6 +208,7 @@ def load_recordings(
         if settings.strict and recording.damage:
             raise damage_refused(recording)
         mend_units(recording)
+        join_set_clocks(recording)
         align_clocks(recording)
         part_tracks(recording)
         drop_impossible(recording)

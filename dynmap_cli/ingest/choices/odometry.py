@@ -183,6 +183,8 @@ def _always_jumps(stamps_ns: I64, poses: F64) -> str:
 
 def _turns_otherwise(turns: ScanTurns, stamps_ns: I64, poses: F64) -> str:
     """Says so where the headings of an odometry have nothing to do with how the laser turned, either way up."""
+    if not turns.turns_rad.any():
+        return ""
     found = agreement_at(turns, stamps_ns, poses)
     if found.n_pairs < _MANY_TURNS or min(found.same_rad, found.opposite_rad) < _NO_BETTER * found.still_rad:
         return ""

@@ -19,7 +19,7 @@ LONGEST_RANGE_M = 1e4
 MOST_TURN_RAD = 4.0 * math.pi
 """No sweep starts, or turns, farther than two full circles."""
 
-_CIRCLE_DEG = 361.0
+_LEAST_DEG, _CIRCLE_DEG = 60.0, 361.0
 _LONGEST_STAMP = 40
 _MOST_SECONDS, _MOST_OF_TEN, _DECIMALS = 10, 3, 9
 _LARGEST_F32 = float(np.finfo(np.float32).max)
@@ -79,9 +79,9 @@ def is_sweep(first_bearing_rad: float, increment_rad: float, n_beams: int) -> bo
 
 
 def are_degrees(first_bearing: float, increment: float, n_beams: int) -> bool:
-    """Whether angles that are no sweep in radians are a sweep of at most a circle in degrees."""
+    """Whether angles that are no sweep in radians are one of 60 degrees to a circle in degrees."""
     turn = abs(increment) * (n_beams - 1)
-    return turn > MOST_TURN_RAD and abs(first_bearing) <= _CIRCLE_DEG and turn <= _CIRCLE_DEG
+    return abs(first_bearing) <= _CIRCLE_DEG and _LEAST_DEG <= turn <= _CIRCLE_DEG
 
 
 def to_ranges_m(values: F64) -> F32:
