@@ -17,6 +17,8 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
+from dynmap_cli.ingest.choices.clock_offsets import align_clocks
+from dynmap_cli.ingest.choices.clock_sets import join_set_clocks
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
     drop_impossible,
@@ -26,6 +28,7 @@ from dynmap_cli.ingest.choices.doubts import (
     note_shared_stamps,
     note_stamps,
     note_track,
+    refuse_frozen,
     stamps_jump,
 )
 from dynmap_cli.ingest.choices.frames import FrameTree, Mounting, make_edge
@@ -40,6 +43,7 @@ from dynmap_cli.ingest.choices.merging import (
     join_recordings,
     joined_logs,
 )
+from dynmap_cli.ingest.choices.mountings import mounting_of, robot_turns, turned_over
 from dynmap_cli.ingest.choices.odometry import (
     Odometry,
     ends_without_odometry,
@@ -47,7 +51,11 @@ from dynmap_cli.ingest.choices.odometry import (
 )
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
+from dynmap_cli.ingest.choices.renamed import join_renamed
 from dynmap_cli.ingest.choices.robot_frames import find_base
+from dynmap_cli.ingest.choices.turns import agreement_at
+from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
+from dynmap_cli.ingest.choices.units import mend_units
 from dynmap_cli.ingest.containers.opening import Source, find_sources
 from dynmap_cli.ingest.raw.columns import blocks_of, known_rows, picked, picked_rows, put_rows, spans
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
@@ -61,8 +69,6 @@ from dynmap_cli.ingest.text.wean import read_wean
 _log = logging.getLogger(__name__)
 
 _BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
-_FARTHEST_LASER_M = 20.0
-_AT_CENTRE = Mounting(np.zeros(3), is_upside_down=False, is_level=True, moves=False, is_assumed=True)
 
 
 def read_recordings(
@@ -121,14 +127,19 @@ def _merge_drive(
     names = tuple(recording.name for recording in drive.recordings)
     tree = FrameTree({pair: make_edge(raw) for pair, raw in joined.transforms.items()})
     base = find_base(joined, tree, settings)
+    join_renamed(joined, tree, base)
     choices = _chosen_lasers(joined, tree, base, settings)
     used = [choice for choice in choices if choice.used]
-    mountings = [_mounting_of(choice, settings, joined) for choice in used]
+    mountings = [mounting_of(choice, settings, joined) for choice in used]
     columns, out_of_order = columns_of([choice.view.laser for choice in used], joined.dropped, folder)
     joined.give_back()
+    turns = [robot_turns(choice, mounting) for choice, mounting in zip(used, mountings, strict=True)]
     odometry = find_odometry(
-        joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
+        joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, turns[0], settings
     )
+    for number, choice in enumerate(used):
+        if agreement_at(turns[number], columns.stamps_ns, odometry.poses).is_mirrored:
+            mountings[number] = turned_over(mountings[number], choice.view.laser.name, joined)
     joined.give_back()
     poses = _cut_ends(columns, odometry, joined)
     note_stamps([choice.view.laser for choice in used], joined)
@@ -137,6 +148,8 @@ def _merge_drive(
         joined,
         has_odometry=bool(known_rows(poses).any()),
     )
+    refuse_frozen(columns, odometry.path_m, joined.name)
+    refuse_two_lasers(columns, joined.name)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
@@ -195,6 +208,10 @@ def load_recordings(
             note_damaged_pack(recording, source.damage)
         if settings.strict and recording.damage:
             raise damage_refused(recording)
+        mend_units(recording)
+        join_set_clocks(recording)
+        align_clocks(recording)
+        part_tracks(recording)
         drop_impossible(recording)
     return recordings
 
@@ -238,28 +255,6 @@ def _chosen_lasers(
         else LaserChoice(choice.view, False, "one laser pose was set")
         for choice in choices
     ]
-
-
-def _mounting_of(choice: LaserChoice, settings: IngestSettings, joined: RawRecording) -> Mounting:
-    """How a used laser sits on the robot: as set, as found, or at the centre with a warning."""
-    if settings.laser_pose is not None:
-        return Mounting(np.array(settings.laser_pose), is_upside_down=False, is_level=True, moves=False)
-    laser, found = choice.view.laser, choice.view.mounting
-    if found is not None:
-        away_m = float(np.hypot(*found.robot_from_sensor[:2]))
-        if away_m > _FARTHEST_LASER_M:
-            msg = (
-                f"{joined.name}: {laser.name} would sit {away_m:.0f} m from the centre of the robot (at most "
-                f"{_FARTHEST_LASER_M:.0f} m). Its transform is wrong; pass --laser-pose X,Y,YAW."
-            )
-            raise LogError(msg)
-        return found
-    frame = f"frame '{laser.frame}'" if laser.frame else "the laser"
-    joined.warnings.append(
-        f"{laser.name}: the recording does not say where {frame} sits on the robot; "
-        "taken to be its centre. Pass --laser-pose X,Y,YAW"
-    )
-    return _AT_CENTRE
 
 
 def _cut_ends(columns: Columns, odometry: Odometry, joined: RawRecording) -> F64:

@@ -26,7 +26,7 @@ poses3 = st.tuples(metres, metres, metres, angles, st.floats(-1.4, 1.4), angles)
 
 def raw(values, stamps=(0,), *, static=False):
     result = RawTransform(static)
-    result.add_many(np.array(stamps), np.array(values))
+    result.add_many(np.array(stamps), np.array(stamps), np.array(values))
     return result
 
 

@@ -53,6 +53,7 @@ def lost_in(path, lines, read=read_carmen):
             FLASER.replace(" 4 ", " four ", 1),
             "count of readings 'four'; whole numbers from 1 to 8388608 are allowed",
         ),
+        (FLASER.replace("3.00", "3,00"), "reading 3 is '3,00'; decimal points, not commas, are allowed"),
         (FLASER.replace("3.00", "3.0.0"), "reading 3 is '3.0.0'; numbers are allowed"),
         (FLASER.replace("0 12", "1e9 12"), "pose with '1e9'; numbers from -1e+08 to 1e+08 are allowed"),
         (FLASER.replace("1200000000.5", "-1"), "time '-1'; seconds from 0 to 4611686018 are allowed"),

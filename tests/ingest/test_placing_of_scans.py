@@ -67,13 +67,13 @@ def test_scans_lie_where_a_direct_computation_puts_them(drive):
     turns = Rotation.from_euler("z", moves[:, 2:])
     moving = recording.transforms["odom", "base_link"] = RawTransform(False)
     for stamp_ns, (x, y, _), turn in zip(move_ns.tolist(), moves, turns.as_quat(), strict=True):
-        moving.add(stamp_ns, (x, y, 0.0, *turn))
+        moving.add(stamp_ns, stamp_ns, (x, y, 0.0, *turn))
     for number, (pose, is_flipped) in enumerate(zip(static, flips, strict=True)):
         parent, child, stored = frames[number], frames[number + 1], matrix(*pose)
         if is_flipped:
             parent, child, stored = child, parent, np.linalg.inv(stored)
         mounted = recording.transforms[parent, child] = RawTransform(True)
-        mounted.add(0, values(stored))
+        mounted.add(0, 0, values(stored))
     laser = RawLaser("/scan", "laser")
     shape = ScanShape(first, increment, len(ranges), 0.1, 8.0)
     for offset in at:

@@ -159,3 +159,42 @@ def test_malformed_lines_are_counted(change, tmp_path):
     log, report = read(tmp_path, [*lines, *map(odometry_line, range(N))])
     assert log.n_scans == N - 1
     assert sum(report.dropped.values()) == 1
+
+
+def test_a_log_says_where_its_rear_laser_sits(tmp_path):
+    lines = ["PARAM robot_rearlaser_offset -0.21 1200000000.0 host 0.5\n"]
+    for number in range(N):
+        lines += [raw_line(number, "RAWLASER2"), odometry_line(number)]
+    log, report = read(tmp_path, lines)
+    assert report.lasers[0].is_pose_known
+    np.testing.assert_allclose(log.sensor_poses, [[-0.21, 0.0, np.pi]])
+
+
+def test_lines_with_poses_that_end_early_give_way_to_those_without(tmp_path):
+    lines = []
+    for number in range(N):
+        if 10 <= number < 60:
+            x, y, yaw = POSES[number]
+            ahead = (x + 0.3 * np.cos(yaw), y + 0.3 * np.sin(yaw), yaw)
+            lines.append(carmen_line(RANGES[number], ahead, POSES[number], stamp_text(number)))
+        lines += [raw_line(number), odometry_line(number)]
+    log, report = read(tmp_path, lines)
+    assert log.n_scans == N
+    assert [laser.name for laser in report.lasers] == ["RAWLASER1"]
+    np.testing.assert_allclose(log.sensor_poses, [[0.3, 0.0, 0.0]], atol=1e-5)
+    np.testing.assert_allclose(log.odometry, POSES, atol=1e-5)
+    (note,) = report.notes
+    assert note.startswith(
+        "FLASER: its 50 lines are left out; they hold a part only of the sweeps of the 100 RAWLASER1"
+    )
+
+
+def test_angles_in_degrees_and_lines_that_end_with_carriage_returns_are_read(tmp_path):
+    in_degrees = f"{START_RAD} 3.141593 {STEP_RAD}"
+    lines = [raw_line(number).replace(in_degrees, "-90.0 180.0 1.0") for number in range(N)]
+    lines = [text for number in range(N) for text in (lines[number], odometry_line(number))]
+    path = tmp_path / "a.log"
+    path.write_bytes("".join(lines).replace("\n", "\r").encode())
+    log, _ = read_recordings([path], IngestSettings())
+    assert log.n_scans == N
+    np.testing.assert_allclose(log.bearings_rad[0], np.radians(np.arange(-90, 91)), atol=1e-9)

@@ -95,8 +95,8 @@ def test_scans_agree_only_as_they_are_mounted(path, real_data):
     ("path", "found"),
     [
         ("broken/rosrecord_v1.2.bag", "'#ROSRECORD V1.2' is a bag format older"),
-        ("wean/wean.dat.gz", "not a known recording"),
-        ("bags/turtlebot4_mac/mac_1st_floor_final.pgm", "not a known recording"),
+        ("wean/wean.dat.gz", "a map as CMU's wean.dat, not a log"),
+        ("bags/turtlebot4_mac/mac_1st_floor_final.pgm", "an image"),
     ],
 )
 def test_what_cannot_be_used_is_refused(path, found, real_data):

@@ -196,6 +196,8 @@ def write_mcap(
     world: World,
     profile: str,
     encoding: str = "cdr",
+    *,
+    has_short_names: bool = False,
     prepare: Callable[[McapWriter], None] = lambda _: None,
     **options: Any,
 ) -> Path:
@@ -208,7 +210,7 @@ def write_mcap(
         channels: dict[str, int] = {}
         for topic, kind, logged_ns, fields in world.messages():
             if topic not in channels:
-                name = kind.replace("/msg/", "/") if encoding == "ros1" else kind
+                name = kind.replace("/msg/", "/") if encoding == "ros1" or has_short_names else kind
                 definition = store.generate_msgdef(kind, ros_version=1 if encoding == "ros1" else 2)[0]
                 schema = writer.register_schema(name, suffix, definition.encode())
                 channels[topic] = writer.register_channel(topic, encoding, schema)

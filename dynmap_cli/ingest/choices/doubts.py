@@ -14,7 +14,7 @@ from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.track_quality import known_jumps_m
 from dynmap_cli.ingest.raw.columns import ascends, blocks_of, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
-from dynmap_cli.ingest.raw.recording import RawRecording, file_name
+from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
 _LEAST_ON_CLOCK = 10
@@ -23,6 +23,7 @@ _LEAST_BEAMS = 3
 """A pose has three unknowns, and a beam tells one."""
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
+_FROZEN_PATH_M = 1.0
 
 
 def drop_impossible(recording: RawRecording) -> None:
@@ -39,6 +40,7 @@ def drop_impossible(recording: RawRecording) -> None:
     ordered = groups[largest]
     middle_ns = int(np.median(ordered[[(ordered.size - 1) // 2, ordered.size // 2]]))
     _note_clocks(groups, largest, recording)
+    _drop_far_poses(recording, middle_ns)
     for laser in lasers:
         is_near = np.zeros(laser.n_scans, dtype=bool)
         for rows in spans(is_near.size, laser.stamps_ns):
@@ -62,6 +64,25 @@ def drop_impossible(recording: RawRecording) -> None:
             laser.keep(laser.n_beams <= _MOST_BEAMS * usual)
         _note_beam_intervals(recording, laser.name)
         laser.give_back()
+
+
+def _drop_far_poses(recording: RawRecording, middle_ns: int) -> None:
+    """Drop single poses and transforms that are stamped more than a week from most sweeps, where others are not."""
+    sources: list[tuple[str, StampedRows]] = [
+        (f"pose on {name}", one) for name, one in recording.odometry.items()
+    ]
+    sources += [
+        (f"transform {parent} -> {child}", one)
+        for (parent, child), one in recording.transforms.items()
+        if not one.is_static
+    ]
+    for what, source in sources:
+        is_near = np.abs(source.stamps_ns - middle_ns) <= _LONGEST_DRIVE_NS
+        if is_near.any() and not is_near.all():
+            source.keep(is_near)
+            recording.dropped[f"{what} stamped more than a week from the scans"] += int(
+                np.count_nonzero(~is_near)
+            )
 
 
 def _clocks_of(stamps_ns: Sequence[I64]) -> list[I64]:
@@ -172,6 +193,28 @@ def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None
             f"the odometry jumps {often} between one scan and the next, by up to {found_m.max():.1f} m: "
             "it was reset or is damaged; pass --odom to choose another, or none"
         )
+
+
+def refuse_frozen(columns: Columns, path_m: float, name: str) -> None:
+    """Refuse sweeps of which each is a copy of the first while the odometry moves.
+
+    Raises
+    ------
+    LogError
+    """
+    first = columns.ranges_m[:1]
+    if path_m < _FROZEN_PATH_M or columns.stamps_ns.size < _LEAST_ON_CLOCK:
+        return
+    for rows in blocks_of(columns.ranges_m):
+        block = columns.ranges_m[rows]
+        if not ((block == first) | (np.isnan(block) & np.isnan(first))).all():
+            return
+        give_back(columns.ranges_m)
+    msg = (
+        f"{name}: all {columns.stamps_ns.size} scans have the same ranges while the odometry drives {path_m:.1f} m, as "
+        "where the driver of the laser hangs. Record it again, or pass another --scan-topic."
+    )
+    raise LogError(msg)
 
 
 def note_track(recording: RawRecording, source: str) -> None:

@@ -204,6 +204,11 @@ def _same_place(a: LaserView, b: LaserView) -> bool:
     """Whether two lasers have the same mounting."""
     if a.mounting is None or b.mounting is None:
         return a.laser.frame == b.laser.frame
-    gap = np.abs(a.mounting.robot_from_sensor - b.mounting.robot_from_sensor)
+    return is_same_place(a.mounting, b.mounting)
+
+
+def is_same_place(a: Mounting, b: Mounting) -> bool:
+    """Whether two mountings are one, within 5 cm and 5 deg."""
+    gap = np.abs(a.robot_from_sensor - b.robot_from_sensor)
     turn = abs(float(np.angle(np.exp(1j * gap[2]))))
     return bool(np.hypot(gap[0], gap[1]) < _SAME_PLACE_M and turn < _SAME_PLACE_RAD)

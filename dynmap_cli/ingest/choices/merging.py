@@ -21,7 +21,7 @@ from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.choices.clocks import UNDATED_BEFORE_NS
 from dynmap_cli.ingest.raw.columns import ascends, blocks_of, counts_of, kept_rows, picked, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
-from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform
+from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, topic_of
 
 _OVERLAP_S = 1.0
 _JUMP_M, _JUMP_M_PER_S = 1.0, 2.0
@@ -127,14 +127,16 @@ def _have_same_stamps(a: RawRecording, b: RawRecording) -> bool:
 def _append(joined: RawRecording, recording: RawRecording, number: int) -> None:
     """Add the content of one recording."""
     for name, laser in recording.lasers.items():
-        into = joined.lasers.setdefault(name, RawLaser(name, laser.frame, laser.robot_from_sensor))
+        into = joined.laser(topic_of(name), laser.frame)
+        if into.n_scans == 0:
+            into.robot_from_sensor = laser.robot_from_sensor
         into.append(laser, number)
     for name, track in recording.odometry.items():
         kept = joined.odometry.setdefault(name, RawOdometry(name, track.frame, track.child))
-        kept.add_many(track.stamps_ns, track.poses)
+        kept.add_many(track.stamps_ns, track.logged_ns, track.poses)
     for pair, transform in recording.transforms.items():
         edge = joined.transforms.setdefault(pair, RawTransform(transform.is_static))
-        edge.add_many(transform.stamps_ns, transform.values)
+        edge.add_many(transform.stamps_ns, transform.logged_ns, transform.values)
     joined.topics += recording.topics
     joined.dropped += recording.dropped
     joined.damage += recording.damage

@@ -17,6 +17,7 @@ from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.choices.frames import FrameTree, planar
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name, moved_by_odometry, odom_frame_of
 from dynmap_cli.ingest.choices.track_quality import known_jumps_m
+from dynmap_cli.ingest.choices.turns import ScanTurns, agreement_at
 from dynmap_cli.ingest.raw.columns import known_rows, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording
@@ -39,6 +40,7 @@ _LEAST_PATH_M = 0.02
 _MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _MOST_JUMPING = 0.1
 _NONE_WORDS = "none"
+_MANY_TURNS, _NO_BETTER = 25, 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,7 @@ def find_odometry(
     base: str,
     lasers: list[RawLaser],
     stamps_ns: I64,
+    turns: ScanTurns,
     settings: IngestSettings,
 ) -> Odometry:
     """Robot pose at each sweep, from the best source there is.
@@ -89,7 +92,9 @@ def find_odometry(
     lasers : list of RawLaser
         The lasers that are used.
     stamps_ns : (n,) int64
-        Times of the sweeps.
+        Times of the sweeps, ascending.
+    turns : ScanTurns
+        Of one of the lasers, as the robot turned.
     settings : IngestSettings
     """
     if settings.odom == _NONE_WORDS:
@@ -104,9 +109,12 @@ def find_odometry(
     candidates = [found for found in candidates if _cover(found.poses) > 0.0]
     if not candidates:
         return _nowhere("no odometry has the times of the scans", stamps_ns, rejected)
-    jumping = [_always_jumps(stamps_ns, found.poses) for found in candidates]
-    rejected += [f"{found.source} ({why})" for found, why in zip(candidates, jumping, strict=True) if why]
-    candidates = [found for found, why in zip(candidates, jumping, strict=True) if not why]
+    faults = [
+        _always_jumps(stamps_ns, found.poses) or _turns_otherwise(turns, stamps_ns, found.poses)
+        for found in candidates
+    ]
+    rejected += [f"{found.source} ({why})" for found, why in zip(candidates, faults, strict=True) if why]
+    candidates = [found for found, why in zip(candidates, faults, strict=True) if not why]
     if not candidates:
         return _nowhere("no odometry is that of a robot", stamps_ns, rejected)
     moving = [found for found in candidates if _path_m(found.poses) >= _LEAST_PATH_M]
@@ -181,6 +189,19 @@ def _always_jumps(stamps_ns: I64, poses: F64) -> str:
     if found_m.size <= max(_MOST_JUMPING * np.count_nonzero(known_rows(poses)), _ALWAYS_CUT):
         return ""
     return f"it jumps {found_m.size} times between scans, by up to {found_m.max():.1f} m"
+
+
+def _turns_otherwise(turns: ScanTurns, stamps_ns: I64, poses: F64) -> str:
+    """Says so where the headings of an odometry have nothing to do with how the laser turned, either way up."""
+    if not turns.turns_rad.any():
+        return ""
+    found = agreement_at(turns, stamps_ns, poses)
+    if found.n_pairs < _MANY_TURNS or min(found.same_rad, found.opposite_rad) < _NO_BETTER * found.still_rad:
+        return ""
+    return (
+        f"its heading does not turn as the scans do: in the {found.n_pairs} half seconds with turns they differ by "
+        f"{np.degrees(found.same_rad):.0f} deg in the median, of {np.degrees(found.still_rad):.0f} that the scans turn"
+    )
 
 
 def odometry_from_tf(

@@ -26,7 +26,8 @@ class UnreadableBagError(Exception):
     Attributes
     ----------
     why : str
-        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with which nothing is wrong.
+        What is wrong with it; "" for an MCAP file of a profile other than "ros2", or with types named as in
+        ROS 1, with which nothing is wrong.
     """
 
     def __init__(self, why: str) -> None:

@@ -13,6 +13,20 @@ from dynmap_cli.ingest.containers.streams import copy_limited, unpacked_file
 
 _METADATA, _INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"
 _PACKED_SUFFIX = ".zstd"
+_STORAGE_SUFFIXES = (".mcap", ".db3", f".mcap{_PACKED_SUFFIX}", f".db3{_PACKED_SUFFIX}")
+_LATEST_VERSION = 9
+"""Of metadata that the library reads; later ones add keys, and it is the storage that holds the messages."""
+_KEYS = frozenset(
+    {
+        "relative_file_paths",
+        "storage_identifier",
+        "topics_with_message_count",
+        "duration",
+        "starting_time",
+        "message_count",
+    }
+)
+"""Without which it reads none."""
 
 
 def plain_folder(path: Path, folder: Path, limit_bytes: int, name: str) -> tuple[Path, str]:
@@ -42,13 +56,16 @@ def plain_folder(path: Path, folder: Path, limit_bytes: int, name: str) -> tuple
         return path, f"its {_METADATA} cannot be read: {reason(err)}"
     try:
         information = dict(content[_INFORMATION])
+        stated = information["relative_file_paths"]
+        information["relative_file_paths"] = _files_of(path, stated)
         packed = [path / str(place) for place in information["relative_file_paths"]]
     except DAMAGE:
         # Of another version, or broken: rosbags says what is wrong.
         return path, ""
     is_packed = str(information.get("compression_mode")).lower() == "file"
     if not is_packed or not all(one.suffix == _PACKED_SUFFIX and one.is_file() for one in packed):
-        return path, ""
+        is_renamed = information["relative_file_paths"] != stated
+        return _as_known(path, information, folder, is_renamed=is_renamed), ""
     folder.mkdir()
     whys = []
     for one in packed:
@@ -57,6 +74,35 @@ def plain_folder(path: Path, folder: Path, limit_bytes: int, name: str) -> tuple
         whys += [f"{one.name} is damaged or cut off: {why}"] if why else []
     (folder / _METADATA).write_text(yaml.safe_dump({_INFORMATION: _unpacked(information)}), encoding="utf-8")
     return folder, "; ".join(whys)
+
+
+def _files_of(path: Path, stated: list[Any]) -> list[Any]:
+    """The storage files that metadata name; those that are there where they were renamed, and are as many."""
+    if all((path / Path(str(place)).name).is_file() for place in stated):
+        return stated
+    found = sorted(
+        (one.name for one in path.iterdir() if one.name.endswith(_STORAGE_SUFFIXES) and one.is_file()),
+        key=lambda name: (len(name), name),
+    )
+    return found if len(found) == len(stated) else stated
+
+
+def _as_known(path: Path, information: dict[str, Any], folder: Path, *, is_renamed: bool) -> Path:
+    """The folder as it is, or one in *folder* whose metadata are of a version that is read, with the same files.
+
+    Keys that are not known change nothing: what is needed is there, and numbers are compared with the storage later.
+    """
+    version = information.get("version")
+    is_known = type(version) is int and 0 < version <= _LATEST_VERSION
+    files = [path / Path(str(place)).name for place in information["relative_file_paths"]]
+    if (is_known and not is_renamed) or not information.keys() >= _KEYS or not all(map(Path.is_file, files)):
+        return path
+    folder.mkdir()
+    for file in files:
+        (folder / file.name).symlink_to(file.resolve())
+    known = {**information, "version": version if is_known else _LATEST_VERSION}
+    (folder / _METADATA).write_text(yaml.safe_dump({_INFORMATION: known}), encoding="utf-8")
+    return folder
 
 
 def _unpacked(information: dict[str, Any]) -> dict[str, Any]:

@@ -40,7 +40,7 @@ from dynmap_cli.ingest.messages.foxglove import as_ros
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, USED_TYPES
 from dynmap_cli.ingest.messages.layouts import has_layout, layout_of
 from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
-from dynmap_cli.ingest.messages.stored import ORPHAN, words_of
+from dynmap_cli.ingest.messages.stored import ORPHAN, ros2_spelling, words_of
 from dynmap_cli.ingest.raw.recording import RawRecording, Topic
 from dynmap_cli.ingest.space import Space
 from dynmap_cli.printable import printable
@@ -48,6 +48,7 @@ from dynmap_cli.printable import printable
 _log = logging.getLogger(__name__)
 _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NO_TOPICS = "its metadata.yaml names no topic"
+_NOTHING_WRONG = ""
 _NO_DAMAGE = ("Profile is not ros2", "messages are not in timestamp order")
 """What the library does not read although nothing is wrong with it."""
 
@@ -163,6 +164,11 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         for inner in reader.readers:
             check_folder(inner)
         check_topics(reader)
+        if any(
+            one.msgtype not in USED_TYPES and ros2_spelling(one.msgtype) in USED_TYPES
+            for one in reader.connections
+        ):
+            raise UnreadableBagError(_NOTHING_WRONG)
         used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
         check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
@@ -180,7 +186,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
 def _damage_in(err: Exception) -> str:
     """What the library complains of; "" where that is no damage."""
     why = _ABOUT_FILE.sub("", words_of(err))
-    return "" if any(words in why for words in _NO_DAMAGE) else why
+    return _NOTHING_WRONG if any(words in why for words in _NO_DAMAGE) else why
 
 
 def _close(reader: AnyReader | None) -> None:

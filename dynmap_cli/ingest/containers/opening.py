@@ -14,6 +14,7 @@ from pathlib import Path
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.containers.bag_folders import plain_folder
+from dynmap_cli.ingest.containers.foreign import foreign
 from dynmap_cli.ingest.containers.streams import STREAM_KINDS, DamagedStreamError, copy_limited, unpacked_file
 from dynmap_cli.ingest.containers.zip_members import Member, members_of, members_without_list
 from dynmap_cli.ingest.raw.recording import file_name
@@ -21,7 +22,7 @@ from dynmap_cli.ingest.text.text_lines import BYTE_ORDER_MARK
 from dynmap_cli.printable import printable
 
 KNOWN = (
-    "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), "
+    "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), MCAP of ROS 1 or Foxglove, "
     "each plain, .gz, .bz2, .xz, .zst or in a .zip"
 )
 _MAGIC = (
@@ -226,7 +227,8 @@ def _kind_of_head(head: bytes, name: str) -> str:
             return "carmen"
         if _WEAN.search(text):
             return "wean"
-    msg = f"{name}: not a known recording (it starts with {head[:16]!r}). Known are: {KNOWN}."
+    what = foreign(text) or f"not a known recording (it starts with {head[:16]!r})."
+    msg = f"{name}: {what} Known are: {KNOWN}."
     raise LogError(msg)
 
 

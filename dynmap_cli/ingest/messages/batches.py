@@ -18,6 +18,7 @@ from dynmap_cli.ingest.messages.ros_messages import (
     LONGEST_SWEEP_S,
     MOST_QUATERNION,
     Message,
+    note_degrees,
     plain_frame,
     shape_of_angles,
     take_message,
@@ -190,7 +191,7 @@ class Batches:
 
     def _take_transforms(self, groups: list[_Group], block: Block, timely: B1) -> None:
         """Keep the transforms of tf messages, those of a pair of frames in the order of the messages."""
-        found: dict[tuple[str, str], list[tuple[I64, I64, F64]]] = {}
+        found: dict[tuple[str, str], list[tuple[I64, I64, I64, F64]]] = {}
         for group in groups:
             rows = group.rows[timely[group.rows]]
             messages = block.picked(rows)
@@ -198,7 +199,9 @@ class Batches:
                 places = rows * MOST_TRANSFORMS + number
                 stamps_ns = group.layout.stamps_ns(messages, part)
                 values = group.layout.pose_values(messages, part)
-                found.setdefault((part.frame, part.child), []).append((places, stamps_ns, values))
+                found.setdefault((part.frame, part.child), []).append(
+                    (places, stamps_ns, messages.logged_ns, values)
+                )
         for pair, pieces in found.items():
             places = np.concatenate([piece[0] for piece in pieces])
             if places.size == 0:
@@ -212,6 +215,7 @@ class Batches:
             kept.add_many(
                 np.concatenate([piece[1] for piece in pieces])[order],
                 np.concatenate([piece[2] for piece in pieces])[order],
+                np.concatenate([piece[3] for piece in pieces])[order],
             )
 
 
@@ -258,6 +262,7 @@ def _take_scans(recording: RawRecording, batch: _Batch) -> None:
     good = batch.timely & has_shape & has_stamp
     if not good.any():
         return
+    note_degrees(recording, topic, float(values[0, 0]), float(values[0, 2]), part.n_beams)
     laser = recording.laser(topic, plain_frame(part.frame))
     interval_s = values[:, _TIME_INCREMENT].astype(np.float64)
     with np.errstate(all="ignore"):
@@ -306,7 +311,7 @@ def _take_odometry(recording: RawRecording, batch: _Batch) -> None:
     if track is None:
         track = RawOdometry(topic, plain_frame(part.frame), plain_frame(part.child))
         recording.odometry[topic] = track
-    track.add_many(stamps_ns[good], poses[good])
+    track.add_many(stamps_ns[good], batch.messages.logged_ns[good], poses[good])
 
 
 def _yaws(quaternions: F64) -> F64:

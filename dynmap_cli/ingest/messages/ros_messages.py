@@ -20,6 +20,7 @@ from dynmap_cli.ingest.raw.plausible import (
     FARTHEST_M,
     LONGEST_RANGE_M,
     are_coordinates,
+    are_degrees,
     are_stamps,
     is_stamp,
     is_sweep,
@@ -109,11 +110,19 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
     if fault or shape is None:
         recording.dropped[f"scan on {message.topic} {fault}"] += 1
         return
+    note_degrees(recording, message.topic, float(scan.angle_min), float(scan.angle_increment), ranges_m.size)
     laser = recording.laser(message.topic, plain_frame(scan.header.frame_id))
     interval_s = float(scan.time_increment)
     if not 0.0 <= interval_s * ranges_m.size <= LONGEST_SWEEP_S:
         interval_s = math.nan
     laser.add(stamp_ns, message.logged_ns, ranges_m, shape, interval_s)
+
+
+def note_degrees(recording: RawRecording, topic: str, first: float, step: float, n_beams: int) -> None:
+    """Say that the angles of a topic are in degrees, where they are."""
+    note = f"{topic}: its angles are in degrees"
+    if are_degrees(first, step, n_beams) and note not in recording.notes:
+        recording.notes.append(note)
 
 
 def _ranges_of(scan: Any) -> F32:
@@ -145,12 +154,14 @@ def shape_of_angles(
     The increment decides, for many drivers count one beam more or less than angle_min and angle_max say; where it
     is (nearly) zero, or of the wrong sign and does not lead to angle_max by way of the full circle either, the beams
     are spread between the two. Angles are rounded to 0.006 deg, so that
-    sensors which compute them anew for each sweep do not get a geometry for each.
+    sensors which compute them anew for each sweep do not get a geometry for each. Angles of many circles are degrees.
     """
     if abs(step) < _STEP_GRID_RAD or (
         (last - first) * step < 0.0 and not _leads_to(first, last, step, n_beams)
     ):
         step = (last - first) / max(n_beams - 1, 1)
+    if are_degrees(first, step, n_beams):
+        first, step = math.radians(first), math.radians(step)
     if not is_sweep(first, step, n_beams):
         return None
     increment_rad = round(round(step / _STEP_GRID_RAD) * _STEP_GRID_RAD, 12)
@@ -195,7 +206,7 @@ def _take_odometry(recording: RawRecording, message: Message) -> None:
             message.topic, plain_frame(odometry.header.frame_id), plain_frame(odometry.child_frame_id)
         ),
     )
-    track.add(stamp_ns, values)
+    track.add(stamp_ns, message.logged_ns, values)
 
 
 def yaw_of(q: Any) -> float:
@@ -216,7 +227,7 @@ def _take_transforms(recording: RawRecording, message: Message) -> None:
             kept = transforms[pair] = RawTransform(message.topic.endswith("tf_static"))
         stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
         values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
-        kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, values)
+        kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, message.logged_ns, values)
 
 
 def _clean_transforms(recording: RawRecording) -> None:
@@ -238,7 +249,7 @@ def _clean_transforms(recording: RawRecording) -> None:
             raw.give_back()
             continue
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
-        kept.add_many(raw.stamps_ns[is_pose], raw.values[is_pose])
+        kept.add_many(raw.stamps_ns[is_pose], raw.logged_ns[is_pose], raw.values[is_pose])
 
 
 def _are_transforms(values: F64) -> B1:
@@ -254,6 +265,22 @@ def _are_transforms(values: F64) -> B1:
 
 def mend_stamps(recording: RawRecording) -> None:
     """Where a driver never set its stamps take the times of recording; single scans without a stamp go."""
+    for track in recording.odometry.values():
+        if track.stamps_ns.size > 1 and np.ptp(track.stamps_ns) == 0:
+            track.stamps_ns = track.logged_ns
+            recording.warnings.append(
+                f"{track.name}: all poses have the same time stamp; the times of recording are used"
+            )
+    for (parent, child), transform in recording.transforms.items():
+        if (
+            transform.stamps_ns.size > 1
+            and np.ptp(transform.stamps_ns) == 0
+            and np.ptp(transform.values, axis=0).any()
+        ):
+            transform.stamps_ns = transform.logged_ns
+            recording.warnings.append(
+                f"{parent} -> {child}: all transforms have the same time stamp; the times of recording are used"
+            )
     for laser in recording.lasers.values():
         unstamped = int(np.count_nonzero(laser.stamps_ns == 0))
         if np.ptp(laser.stamps_ns) == 0 and (unstamped or laser.n_scans > 1):

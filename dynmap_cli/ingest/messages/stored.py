@@ -42,10 +42,15 @@ class Channel:
     @property
     def message_type(self) -> str:
         """ROS 2 spelling of the type; names of other schemas as they are."""
-        if "/" not in self.schema_name:
-            return self.schema_name
-        package, _, last = self.schema_name.rpartition("/")
-        return f"{package.removesuffix('/msg')}/msg/{last}"
+        return ros2_spelling(self.schema_name)
+
+
+def ros2_spelling(name: str) -> str:
+    """A message type as ROS 2 names it, `sensor_msgs/msg/LaserScan`; names without a package as they are."""
+    if "/" not in name:
+        return name
+    package, _, last = name.rpartition("/")
+    return f"{package.removesuffix('/msg')}/msg/{last}"
 
 
 class StoredMessage(NamedTuple):

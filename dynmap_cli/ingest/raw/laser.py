@@ -10,6 +10,9 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.ingest.raw.columns import Growing, RangeStore, counts_of, steps_in
 
+_LONGEST_REACH_M = 120.0
+"""No laser that sweeps a plane reaches farther."""
+
 
 class ScanShape(NamedTuple):
     """How the beams of a sweep lie; sweeps of one shape share a row of the geometry table.
@@ -36,6 +39,12 @@ class ScanShape(NamedTuple):
     def bearings_rad(self) -> F64:
         """(n_beams,) directions in the sensor frame."""
         return np.asarray(self.first_bearing_rad + self.increment_rad * np.arange(self.n_beams))
+
+    def scaled(self, metres: float) -> ScanShape:
+        """The same where limits are in a unit of so many metres, unless the reach is one in metres already."""
+        if self.range_max_m <= _LONGEST_REACH_M:
+            return self
+        return self._replace(range_min_m=self.range_min_m * metres, range_max_m=self.range_max_m * metres)
 
 
 class RawLaser:
@@ -99,7 +108,7 @@ class RawLaser:
             self.shape_table.append(shape)
         return number
 
-    def append(self, other: RawLaser, recording: int) -> None:
+    def append(self, other: RawLaser, recording: int | None = None) -> None:
         """Put the sweeps of the same laser in another recording, the number of which is given, behind these."""
         numbers = np.array([self.number_of(shape) for shape in other.shape_table], dtype=np.int32)
         self._places.extend(other._places.rows + self._ranges.take_over(other._ranges))
@@ -107,10 +116,11 @@ class RawLaser:
         self._logged_ns.extend(other.logged_ns)
         self._shape_index.extend(numbers[other.shape_index])
         self._beam_interval_s.extend(other.beam_interval_s)
-        self._recording.extend(np.full(other.n_scans, recording, dtype=np.int32))
+        number = other.recording if recording is None else np.full(other.n_scans, recording, dtype=np.int32)
+        self._recording.extend(number)
 
-    def keep(self, wanted: B1) -> None:
-        """Forget all other sweeps."""
+    def keep(self, wanted: B1 | I64) -> None:
+        """Forget all other sweeps; of numbers the order counts."""
         for column in self._columns:
             column.rows = column.rows[wanted]
 
@@ -140,6 +150,12 @@ class RawLaser:
         """Write the ranges of sweeps into the rows of a table (n, widest); the rest of a row stays as it is."""
         lengths = self._lengths[self.shape_index[numbers]]
         self._ranges.fill(into, self._places.rows[numbers], lengths)
+
+    def scale_ranges(self, metres: float) -> None:
+        """Bring ranges to metres that are in a unit of so many, and limits that are too large for metres."""
+        self._ranges = self._ranges.scaled(metres)
+        self.shape_table = [shape.scaled(metres) for shape in self.shape_table]
+        self._numbers = {shape: number for number, shape in enumerate(self.shape_table)}
 
     def taken_ranges(self) -> F32 | None:
         """The ranges (n, n_beams) themselves, to be rewritten, if all have one length and lie in one piece in order."""

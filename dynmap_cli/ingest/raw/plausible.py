@@ -19,6 +19,7 @@ LONGEST_RANGE_M = 1e4
 MOST_TURN_RAD = 4.0 * math.pi
 """No sweep starts, or turns, farther than two full circles."""
 
+_LEAST_DEG, _CIRCLE_DEG, _ASIDE = 60.0, 361.0, 0.4
 _LONGEST_STAMP = 40
 _MOST_SECONDS, _MOST_OF_TEN, _DECIMALS = 10, 3, 9
 _LARGEST_F32 = float(np.finfo(np.float32).max)
@@ -75,6 +76,13 @@ def is_sweep(first_bearing_rad: float, increment_rad: float, n_beams: int) -> bo
     is_finite = math.isfinite(first_bearing_rad) and math.isfinite(turn_rad)
     is_spread = turn_rad > 0.0 or n_beams == 1
     return is_finite and is_spread and max(abs(first_bearing_rad), turn_rad) <= MOST_TURN_RAD
+
+
+def are_degrees(first_bearing: float, increment: float, n_beams: int) -> bool:
+    """Whether angles that are no sweep in radians are one in degrees: of 60 to 360, from 0 on or mostly ahead."""
+    turn = increment * (n_beams - 1)
+    is_ahead = first_bearing == 0.0 or abs(first_bearing + turn / 2.0) <= _ASIDE * abs(turn)
+    return is_ahead and _LEAST_DEG <= abs(turn) <= _CIRCLE_DEG
 
 
 def to_ranges_m(values: F64) -> F32:

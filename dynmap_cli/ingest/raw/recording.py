@@ -8,13 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I64
+from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.ingest.raw.columns import Growing, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 
+_MOST_FRAMES = 4
+"""Further frames of one topic that are taken for lasers."""
+
 
 class StampedRows:
-    """Stamps, and a row of numbers at each, in the order of recording.
+    """Stamps, times of recording, and a row of numbers at each, in the order of recording.
 
     Parameters
     ----------
@@ -24,16 +27,19 @@ class StampedRows:
 
     def __init__(self, width: int) -> None:
         self._stamps_ns = Growing(np.int64)
+        self._logged_ns = Growing(np.int64)
         self._rows = Growing(np.float64, width)
 
-    def add(self, stamp_ns: int, row: tuple[float, ...]) -> None:
+    def add(self, stamp_ns: int, logged_ns: int, row: tuple[float, ...]) -> None:
         """Append one row."""
         self._stamps_ns.add(stamp_ns)
+        self._logged_ns.add(logged_ns)
         self._rows.add(row)
 
-    def add_many(self, stamps_ns: I64, rows: F64) -> None:
+    def add_many(self, stamps_ns: I64, logged_ns: I64, rows: F64) -> None:
         """Append rows (n, width)."""
         self._stamps_ns.extend(stamps_ns)
+        self._logged_ns.extend(logged_ns)
         self._rows.extend(rows)
 
     @property
@@ -45,9 +51,20 @@ class StampedRows:
     def stamps_ns(self, stamps_ns: I64) -> None:
         self._stamps_ns.rows = stamps_ns
 
+    @property
+    def logged_ns(self) -> I64:
+        """(n,) when the messages were recorded; the stamps where only these are known."""
+        return self._logged_ns.rows
+
+    def keep(self, wanted: B1) -> None:
+        """Forget all other rows."""
+        for column in (self._stamps_ns, self._logged_ns, self._rows):
+            column.rows = column.rows[wanted]
+
     def give_back(self) -> None:
         """Take what is in files out of memory."""
         self._stamps_ns.give_back()
+        self._logged_ns.give_back()
         self._rows.give_back()
 
 
@@ -70,6 +87,10 @@ class RawOdometry(StampedRows):
     def poses(self) -> F64:
         """(n, 3) in the order of recording."""
         return self._rows.rows
+
+    @poses.setter
+    def poses(self, poses: F64) -> None:
+        self._rows.rows = poses
 
     def as_arrays(self) -> tuple[I64, F64]:
         """Stamps (n,) ascending, and poses (n, 3)."""
@@ -151,11 +172,22 @@ class RawRecording:
     folder: Path | None = None
 
     def laser(self, name: str, frame: str = "") -> RawLaser:
-        """The laser of a name, a new one where there is none yet."""
+        """The laser of a topic and frame, a new one where there is none yet.
+
+        Two lasers may publish on one topic; the second is named after topic and frame. Beyond a few frames they are
+        damage, and their sweeps those of the first.
+        """
         found = self.lasers.get(name)
         if found is None:
             found = self.lasers[name] = RawLaser(name, frame, folder=self.folder)
-        return found
+        if found.frame == frame:
+            return found
+        other = f"{name} ({frame})"
+        if other not in self.lasers:
+            if sum(one.startswith(f"{name} (") for one in self.lasers) >= _MOST_FRAMES:
+                return found
+            self.lasers[other] = RawLaser(other, frame, folder=self.folder)
+        return self.lasers[other]
 
     def give_back(self) -> None:
         """Take what is in files out of memory; it is read again where it is used."""
@@ -177,6 +209,11 @@ class RawRecording:
         self.dropped[what] += count
         if what not in self.damage:
             self.damage.append(what)
+
+
+def topic_of(laser_name: str) -> str:
+    """Topic of a laser, whose name may have its frame behind it."""
+    return laser_name.partition(" (")[0]
 
 
 def file_name(name: str) -> str:

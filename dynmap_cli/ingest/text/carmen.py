@@ -6,6 +6,7 @@ hold the same sweeps with their poses, these are used, and each sweep once.
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from functools import lru_cache
@@ -19,15 +20,18 @@ from dynmap_cli.domain.poses import between, wrap_angle
 from dynmap_cli.ingest.raw.laser import ScanShape
 from dynmap_cli.ingest.raw.plausible import FARTHEST_M, are_coordinates, stamps_of_words, to_ranges_m
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, Topic
-from dynmap_cli.ingest.text.carmen_lines import Line, fault_of, take_apart
+from dynmap_cli.ingest.text.carmen_lines import TIME_WORDS, Line, fault_of, take_apart
 from dynmap_cli.ingest.text.decimals import parse_decimals, parse_numbers
+from dynmap_cli.ingest.text.headings import are_headings_degrees
 from dynmap_cli.ingest.text.lost_lines import LostLines
 from dynmap_cli.ingest.text.text_lines import text_lines
 
 _SAME_SWEEPS = {"RAWLASER1": ("FLASER", "ROBOTLASER1"), "RAWLASER2": ("RLASER", "ROBOTLASER2")}
 """Lines without a pose, and those that hold the same sweeps with one."""
-_FRONT_OFFSET = b"robot_frontlaser_offset"
-_FRONT = "RAWLASER1"
+_OFFSETS = {b"robot_frontlaser_offset": ("RAWLASER1", 0.0), b"robot_rearlaser_offset": ("RAWLASER2", math.pi)}
+"""Settings that say how far ahead of the robot's centre a laser sits, and where it looks."""
+_LEAST_SHARE = 0.9
+"""Lines with a pose that cover less of the time of those without one hold a part of the sweeps only."""
 _KIND = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,31}")
 _BATCH, _BATCH_BYTES = 64, 1 << 22
 _NO_STAMP_STEP_NS = 10**9
@@ -36,27 +40,48 @@ _FLICKER_M, _FLICKER_RAD = 1e-3, 1e-3
 
 def read_carmen(path: Path, name: str, folder: Path | None = None) -> RawRecording:
     """Read a CARMEN log; lines that do not parse are counted, not fatal."""
-    reader = _Reader(RawRecording(name, "CARMEN text", folder=folder))
+    reader = _read(path, _Reader(RawRecording(name, "CARMEN text", folder=folder)))
+    partial = reader.partial_twins()
+    if partial:
+        places = {raw: reader.recording.lasers[twin].robot_from_sensor for raw, twin in partial.items()}
+        counts = reader.counts
+        reader = _Reader(RawRecording(name, "CARMEN text", folder=folder), frozenset(partial.values()))
+        _read(path, reader)
+        for raw, twin in partial.items():
+            laser = reader.recording.lasers.get(raw)
+            if laser is not None and laser.robot_from_sensor is None:
+                laser.robot_from_sensor = places[raw]
+            reader.recording.notes.append(
+                f"{twin}: its {counts[twin]} lines are left out; they hold a part only of the sweeps of the "
+                f"{counts[raw]} {raw} lines, which are placed by ODOM"
+            )
+    return reader.recording
+
+
+def _read(path: Path, reader: _Reader) -> _Reader:
+    """Give all lines of a file to a reader."""
     for number, line in text_lines(path, reader.recording.drop_broken):
         words = line.split(None, 1)
         if words and not words[0].startswith(b"#"):
             reader.take(words[0], number, line)
     reader.finish()
-    return reader.recording
+    return reader
 
 
 class _Reader:
-    """Takes lines one after the other; parses the numbers of many at a time."""
+    """Takes lines one after the other; parses the numbers of many at a time; of some kinds none."""
 
-    def __init__(self, recording: RawRecording) -> None:
-        self.recording = recording
+    def __init__(self, recording: RawRecording, unwanted: frozenset[str] = frozenset()) -> None:
+        self.recording, self.unwanted = recording, unwanted
         self.counts: Counter[str] = Counter()
         self.lost = LostLines(fault_of)
         self.waiting: dict[str, list[tuple[Line, int, bytes]]] = {}
         """Parts, number and text of lines, by kind."""
         self.waiting_bytes = 0
         self.laser_poses: dict[str, list[F64]] = {}
-        self.front_offset_m: float | None = None
+        self.offsets_m: dict[bytes, float] = {}
+        self.ends: dict[str, tuple[bytes, bytes]] = {}
+        """First and last line without a pose, by kind."""
 
     def take(self, word: bytes, number: int, line: bytes) -> None:
         """Read one line, if it is of a known kind."""
@@ -67,7 +92,9 @@ class _Reader:
         self.counts[name] += 1
         if word == b"PARAM":
             self._take_setting(line)
-        if self._twin_of(name):
+        if name in _SAME_SWEEPS:
+            self.ends[name] = (self.ends.get(name, (line,))[0], line)
+        if name in self.unwanted or self._twin_of(name):
             return
         try:
             found = take_apart(word, line)
@@ -83,15 +110,15 @@ class _Reader:
             self._parse_waiting()
 
     def _take_setting(self, line: bytes) -> None:
-        """Remember how far ahead of the robot's centre the front laser sits, metres."""
+        """Remember how far ahead of the robot's centre a laser sits, metres."""
         words = line.split()
-        if len(words) > 2 and words[1] == _FRONT_OFFSET:
+        if len(words) > 2 and words[1] in _OFFSETS:
             try:
                 offset_m = float(words[2])
             except ValueError:
                 return
             if are_coordinates((offset_m,)):
-                self.front_offset_m = offset_m
+                self.offsets_m[words[1]] = offset_m
 
     def _twin_of(self, name: str) -> str:
         """The lines that hold the same sweeps with their poses, of which some were read; "" where there are none."""
@@ -122,7 +149,7 @@ class _Reader:
             track = self.recording.odometry.get(name)
             if track is None:
                 track = self.recording.odometry[name] = RawOdometry(name)
-            track.add_many(stamps_ns, poses[:, -3:])
+            track.add_many(stamps_ns, stamps_ns, poses[:, -3:])
         # Without a pose the laser is not at the robot's centre, but in a frame that nothing joins to it.
         frame = "" if poses.size else name
         start = 0
@@ -141,17 +168,50 @@ class _Reader:
         self.lost.tell(self.recording)
         self.recording.topics = [Topic(word, "line", count) for word, count in sorted(self.counts.items())]
         self._leave_out_twins()
+        in_degrees = self._mend_headings()
         for word, parts in self.laser_poses.items():
             laser, poses = self.recording.lasers[word], np.concatenate(parts)
+            if word in in_degrees:
+                poses[:, [2, 5]] = np.radians(poses[:, [2, 5]])
             laser.robot_from_sensor = mounting(poses[:, 3:6], poses[:, 0:3])
             if laser.robot_from_sensor is None:
                 self.recording.warnings.append(
                     f"{word}: laser and robot pose of a line differ by no fixed amount, as in logs whose first pose "
                     "was corrected; the second one is used"
                 )
-        if _FRONT in self.recording.lasers and self.front_offset_m is not None:
-            self.recording.lasers[_FRONT].robot_from_sensor = np.array([self.front_offset_m, 0.0, 0.0])
+        for setting, offset_m in self.offsets_m.items():
+            name, yaw_rad = _OFFSETS[setting]
+            if name in self.recording.lasers:
+                self.recording.lasers[name].robot_from_sensor = np.array([offset_m, 0.0, yaw_rad])
         replace_lost_stamps(self.recording)
+
+    def _mend_headings(self) -> set[str]:
+        """Bring headings that are in degrees to radians, and say so; kinds of lines that had them."""
+        found = {name for name, track in self.recording.odometry.items() if are_headings_degrees(track.poses)}
+        for name in sorted(found):
+            poses = self.recording.odometry[name].poses.copy()
+            poses[:, 2] = np.radians(poses[:, 2])
+            self.recording.odometry[name].poses = poses
+            self.recording.warnings.append(
+                f"{name}: the robot drives along its headings if they are degrees: taken so"
+            )
+        return found
+
+    def partial_twins(self) -> dict[str, str]:
+        """Lines without a pose that go on for longer than those with one, and the latter."""
+        found = {}
+        for name, lines in self.ends.items():
+            twin = self._twin_of(name)
+            if not twin or self.counts["ODOM"] < 2:
+                continue
+            covered_ns = np.ptp(self.recording.lasers[twin].stamps_ns)
+            try:
+                first_ns, last_ns = stamps_of_words([line.split()[-TIME_WORDS] for line in lines])
+            except (ValueError, IndexError):
+                continue
+            if covered_ns < _LEAST_SHARE * (last_ns - first_ns):
+                found[name] = twin
+        return found
 
     def _leave_out_twins(self) -> None:
         """Leave out sweeps without a pose that other lines hold with one, and say so."""

@@ -15,7 +15,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from dynmap_cli.ingest.raw.laser import ScanShape
-from dynmap_cli.ingest.raw.plausible import FARTHEST_M, MOST_TURN_RAD, are_coordinates, is_sweep
+from dynmap_cli.ingest.raw.plausible import FARTHEST_M, MOST_TURN_RAD, are_coordinates, are_degrees, is_sweep
 from dynmap_cli.ingest.text.lost_lines import count_of, fault_of_pose, fault_of_readings, fault_of_time, shown
 from dynmap_cli.ingest.text.text_lines import LONGEST_BYTES
 
@@ -23,13 +23,13 @@ OLD_LASERS = (b"FLASER", b"RLASER")
 ROBOT_LASERS = (b"ROBOTLASER1", b"ROBOTLASER2")
 RAW_LASERS = (b"RAWLASER1", b"RAWLASER2", b"RAWLASER3", b"RAWLASER4", b"RAWLASER5")
 _ODOM_WORDS = 10
-_TIME_WORDS, _POSE_WORDS = 3, 6
-_OLD_TAIL_WORDS, _ROBOT_TAIL_WORDS = _POSE_WORDS + _TIME_WORDS, _POSE_WORDS + 5 + _TIME_WORDS
+TIME_WORDS, _POSE_WORDS = 3, 6
+_OLD_TAIL_WORDS, _ROBOT_TAIL_WORDS = _POSE_WORDS + TIME_WORDS, _POSE_WORDS + 5 + TIME_WORDS
 _OLD_HEADER_WORDS, _HEADER_WORDS = 2, 9
 _AROUND_READINGS = {
     **dict.fromkeys(OLD_LASERS, (_OLD_HEADER_WORDS, _OLD_TAIL_WORDS)),
     **dict.fromkeys(ROBOT_LASERS, (_HEADER_WORDS, _ROBOT_TAIL_WORDS)),
-    **dict.fromkeys(RAW_LASERS, (_HEADER_WORDS, _TIME_WORDS)),
+    **dict.fromkeys(RAW_LASERS, (_HEADER_WORDS, TIME_WORDS)),
 }
 """Words before the readings, up to their count, and behind readings and remissions."""
 _SHORTEST_M = 0.01
@@ -72,7 +72,7 @@ def take_apart(word: bytes, line: bytes) -> Line | None:
     if word in ROBOT_LASERS:
         return _stating_laser(line, _ROBOT_TAIL_WORDS)
     if word in RAW_LASERS:
-        return _stating_laser(line, _TIME_WORDS)
+        return _stating_laser(line, TIME_WORDS)
     return _odometry(line) if word == b"ODOM" else None
 
 
@@ -104,8 +104,8 @@ def _stating_laser(line: bytes, n_tail: int) -> Line:
     if n_beams < 1 or len(tail) != n_tail or not n_numbers:
         msg = "beam count"
         raise ValueError(msg)
-    poses = tail[:_POSE_WORDS] if n_tail > _TIME_WORDS else []
-    return Line(tail[-_TIME_WORDS], poses, _stated_shape(*header[2:6], n_beams), text, n_numbers)
+    poses = tail[:_POSE_WORDS] if n_tail > TIME_WORDS else []
+    return Line(tail[-TIME_WORDS], poses, _stated_shape(*header[2:6], n_beams), text, n_numbers)
 
 
 @lru_cache(maxsize=64)
@@ -126,6 +126,8 @@ def _stated_shape(start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: 
     start_rad, fov_rad, step_rad, reach_m = values
     if step_rad == 0.0:
         step_rad = fov_rad / max(n_beams - 1, 1)
+    if are_degrees(start_rad, step_rad, n_beams):
+        start_rad, step_rad = math.radians(start_rad), math.radians(step_rad)
     if not is_sweep(start_rad, step_rad, n_beams):
         msg = (
             f"{n_beams} readings from {start_rad:g} rad on in steps of {step_rad:g} rad; a sweep starts within "
@@ -142,7 +144,7 @@ def _odometry(line: bytes) -> Line:
     if len(words) != _ODOM_WORDS:
         msg = "count of words"
         raise ValueError(msg)
-    return Line(words[-_TIME_WORDS], words[1:4])
+    return Line(words[-TIME_WORDS], words[1:4])
 
 
 @lru_cache(maxsize=64)
@@ -165,7 +167,7 @@ def fault_of(line: bytes) -> str:
         return _fault_of_sweep(words)
     if len(words) != _ODOM_WORDS:
         return f"{len(words)} words found, {_ODOM_WORDS} are allowed"
-    return fault_of_pose(words[1:4]) or fault_of_time(words[-_TIME_WORDS])
+    return fault_of_pose(words[1:4]) or fault_of_time(words[-TIME_WORDS])
 
 
 def _fault_of_sweep(words: list[bytes]) -> str:
@@ -193,8 +195,8 @@ def _fault_of_sweep(words: list[bytes]) -> str:
     return (
         (_fault_of_shape(words[2:6], n_beams) if states_shape else "")
         or fault_of_readings(readings)
-        or fault_of_pose(tail[:_POSE_WORDS] if n_tail > _TIME_WORDS else [])
-        or fault_of_time(tail[-_TIME_WORDS])
+        or fault_of_pose(tail[:_POSE_WORDS] if n_tail > TIME_WORDS else [])
+        or fault_of_time(tail[-TIME_WORDS])
     )
 
 

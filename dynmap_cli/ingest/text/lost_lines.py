@@ -95,7 +95,8 @@ def fault_of_readings(words: Sequence[bytes]) -> str:
             low = middle
         else:
             high = middle
-    return f"reading {low + 1} is {shown(words[low])}; numbers are allowed"
+    allowed = "decimal points, not commas," if b"," in words[low] else "numbers"
+    return f"reading {low + 1} is {shown(words[low])}; {allowed} are allowed"
 
 
 def _is_coordinate(word: bytes) -> bool:

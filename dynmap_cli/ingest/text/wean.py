@@ -67,7 +67,7 @@ def _take(recording: RawRecording, word: bytes, line: bytes, laser_poses: list[F
         raise ValueError(msg)
     values[[0, 1]] *= _CM
     track = recording.odometry.setdefault(word.decode(), RawOdometry(word.decode()))
-    track.add(stamp_ns, (float(values[0]), float(values[1]), float(values[2])))
+    track.add(stamp_ns, stamp_ns, (float(values[0]), float(values[1]), float(values[2])))
     recording.n_read += 1
     if word == b"L":
         values[[3, 4]] *= _CM

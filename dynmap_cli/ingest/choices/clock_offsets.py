@@ -1,0 +1,98 @@
+"""Lasers and odometry that are stamped by clocks which differ: put on the clock of the laser by the times of recording.
+
+Between its stamp and its recording each message takes about as long as the one before. Where that delay differs by more
+than a second between two sources, and hardly varies within each, one clock is not that of the other; a few seconds may
+also be a slow program, so there the turns of the sweeps decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynmap_cli.arrays import F64, I64
+from dynmap_cli.domain.poses import interpolate
+from dynmap_cli.ingest.choices.frames import make_edge, planar
+from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name
+from dynmap_cli.ingest.choices.turns import Agreement, ScanTurns, agreement, turns_of
+from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, file_name
+
+_LEAST_APART_S = 1.0
+_MOST_SPREAD_S, _SPREAD_QUANTILES = 1.0, (0.1, 0.9)
+_CLEARLY = 0.7
+
+
+def align_clocks(recording: RawRecording) -> None:
+    """Move the stamps of lasers, odometry and transforms whose clock is not that of the laser with most sweeps."""
+    if not recording.lasers:
+        return
+    laser = max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name))
+    delay_s = _delay_s(laser.stamps_ns, laser.logged_ns)
+    if delay_s is None:
+        return
+    turns: ScanTurns | None = None
+    moved: dict[str, float] = {}
+    for name, source in _sources_of(recording):
+        own_s = _delay_s(source.stamps_ns, source.logged_ns)
+        if source is laser or own_s is None or abs(own_s - delay_s) < _LEAST_APART_S:
+            continue
+        shift_s = own_s - delay_s
+        shift_ns = round(shift_s * 1e9)
+        if not isinstance(source, RawLaser):
+            turns = turns_of(laser) if turns is None else turns
+            if _fits_better_as_stamped(source, turns, shift_ns):
+                continue
+        source.stamps_ns = source.stamps_ns + shift_ns
+        moved[name] = shift_s
+    if moved:
+        told = ", ".join(f"{name} by {shift_s:+.3f} s" for name, shift_s in moved.items())
+        recording.warnings.append(
+            f"{file_name(recording.name)}: not all clocks are that of {laser.name}; by the times of recording the "
+            f"stamps of these were moved to it: {told}"
+        )
+
+
+def _sources_of(recording: RawRecording) -> Iterator[tuple[str, RawLaser | RawOdometry | RawTransform]]:
+    """Yield all that has stamps that matter; poses in a map are stamped ahead by those who find them."""
+    yield from recording.lasers.items()
+    yield from recording.odometry.items()
+    for (parent, child), transform in recording.transforms.items():
+        if not transform.is_static and last_name(parent) not in GLOBAL_FRAMES:
+            yield f"{parent} -> {child}", transform
+
+
+def _delay_s(stamps_ns: I64, logged_ns: I64) -> float | None:
+    """Median time from stamp to recording; None where it varies, or there is too little to tell."""
+    if stamps_ns.size < 2:
+        return None
+    low, high = np.quantile(logged_ns - stamps_ns, _SPREAD_QUANTILES) * 1e-9
+    middle_ns = int(np.median(logged_ns - stamps_ns))
+    return middle_ns * 1e-9 if high - low < _MOST_SPREAD_S else None
+
+
+def _fits_better_as_stamped(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> bool:
+    """Whether the sweeps turn with a source where its stamps are, and not where the times of recording put it."""
+    as_stamped, as_logged = _agreement(source, turns, 0), _agreement(source, turns, shift_ns)
+    return _off_rad(as_stamped) < _CLEARLY * _off_rad(as_logged)
+
+
+def _agreement(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> Agreement:
+    """How the turns of a source agree with those of the sweeps, if its stamps are moved."""
+    yaws_rad = tuple(
+        _yaws_at(source, stamps_ns - shift_ns) for stamps_ns in (turns.first_ns, turns.second_ns)
+    )
+    return agreement(turns, (yaws_rad[0], yaws_rad[1]))
+
+
+def _yaws_at(source: RawOdometry | RawTransform, at_ns: I64) -> F64:
+    """Headings (n,) at times; NaN where there are none."""
+    if isinstance(source, RawOdometry):
+        return np.asarray(interpolate(*source.as_arrays(), at_ns)[:, 2])
+    return np.asarray(planar(make_edge(source).at(at_ns))[:, 2])
+
+
+def _off_rad(found: Agreement) -> float:
+    """What is left of the turns, whichever way up the laser is."""
+    return min(found.same_rad, found.opposite_rad)

@@ -1,0 +1,153 @@
+"""How a laser turned between its sweeps, by these alone: what tells an odometry, a clock or a mounting that is wrong.
+
+When a laser turns by d, what was at the bearing b + d is at b: the turn is the shift of the readings under which two
+sweeps are most alike. That is coarse, and right often enough for a median over many pairs of sweeps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.ingest.raw.laser import RawLaser
+
+_SPAN_S, _LEAST_STEP_S = 0.5, 1e-3
+_MOST_PAIRS = 400
+_STEP_RAD, _FARTHEST_RAD = np.radians(1.0), np.radians(60.0)
+_CAP_M = 0.5
+_ALIKE = 0.5
+_LEAST_OVERLAP = 0.3
+_TURNING_RAD = np.radians(6.0)
+_LEAST_TURNING, _MANY_TURNING = 8, 25
+_CLEARLY = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class ScanTurns:
+    """Turns of a laser between pairs of its sweeps, of those turns that can be told.
+
+    Attributes
+    ----------
+    first_ns, second_ns : (n,) int64
+        Stamps of the sweeps, about half a second apart.
+    turns_rad : (n,) float64
+        Counter-clockwise in the frame of the laser, as its bearings run.
+    """
+
+    first_ns: I64
+    second_ns: I64
+    turns_rad: F64
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How the turns of an odometry agree with those of the sweeps, over the pairs in which either turns.
+
+    Attributes
+    ----------
+    n_pairs : int
+    same_rad, opposite_rad, still_rad : float
+        Median of what is left of the turns of the sweeps without those of the odometry, with them, and as they are;
+        inf where fewer pairs turn than say anything.
+    """
+
+    n_pairs: int
+    same_rad: float
+    opposite_rad: float
+    still_rad: float
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the sweeps clearly turn against the odometry, as those of a laser that hangs upside down."""
+        least_rad = min(self.same_rad, self.still_rad)
+        return self.n_pairs >= _MANY_TURNING and self.opposite_rad < _CLEARLY * least_rad
+
+
+NO_AGREEMENT = Agreement(0, np.inf, np.inf, np.inf)
+
+
+def turns_of(laser: RawLaser) -> ScanTurns:
+    """Find how a laser turned, by pairs of its sweeps of the usual shape."""
+    usual = int(np.argmax(np.bincount(laser.shape_index)))
+    rows = np.flatnonzero(laser.shape_index == usual)
+    stamps_ns = laser.stamps_ns[rows]
+    order = np.argsort(stamps_ns, kind="stable")
+    rows, stamps_ns = rows[order], stamps_ns[order]
+    shape = laser.shape_table[usual]
+    nothing = ScanTurns(stamps_ns[:0], stamps_ns[:0], np.zeros(0))
+    steps_s = np.diff(stamps_ns) * 1e-9
+    every = max(1, round(_STEP_RAD / max(abs(shape.increment_rad), 1e-9)))
+    n_kept = -(-shape.n_beams // every)
+    if rows.size < 2 or n_kept < 2:
+        return nothing
+    apart = max(1, round(_SPAN_S / max(float(np.median(steps_s)), _LEAST_STEP_S)))
+    starts = np.arange(rows.size - apart)
+    if not starts.size:
+        return nothing
+    starts = starts[np.linspace(0, starts.size - 1, min(_MOST_PAIRS, starts.size)).astype(np.int64)]
+    step_rad = every * shape.increment_rad
+    n_shifts = min(int(_FARTHEST_RAD / abs(step_rad)), int((1.0 - _LEAST_OVERLAP) * n_kept))
+    before, after = (
+        _values(laser, rows[numbers], shape.range_max_m)[:, ::every] for numbers in (starts, starts + apart)
+    )
+    shift, is_told = _best_shifts(before, after, n_shifts)
+    first_ns, second_ns = stamps_ns[starts], stamps_ns[starts + apart]
+    is_told &= second_ns - first_ns < 4 * _SPAN_S * 1e9
+    return ScanTurns(first_ns[is_told], second_ns[is_told], shift[is_told] * step_rad)
+
+
+def _values(laser: RawLaser, rows: I64, range_max_m: float) -> F32:
+    """Ranges (n, n_beams) of sweeps, NaN where they are no returns."""
+    values = np.full((rows.size, int(laser.n_beams[rows].max())), np.nan, dtype=np.float32)
+    laser.fill(values, rows)
+    values[~((values > 0.0) & (values < np.float32(range_max_m)))] = np.nan
+    return values
+
+
+def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, np.ndarray]:
+    """Shift (n,) under which sweeps (n, n_beams) are most alike, and whether (n,) it stands out among the others."""
+    n_beams = before.shape[1]
+    costs = np.full((2 * n_shifts + 1, before.shape[0]), np.inf)
+    for row, shift in enumerate(range(-n_shifts, n_shifts + 1)):
+        left = before[:, max(shift, 0) : n_beams + min(shift, 0)]
+        right = after[:, max(-shift, 0) : n_beams - max(shift, 0)]
+        off_m = np.minimum(np.abs(left - right), _CAP_M)
+        is_known = np.isfinite(off_m)
+        counts = np.count_nonzero(is_known, axis=1)
+        sums = np.where(is_known, off_m, 0.0).sum(axis=1, dtype=np.float64)
+        enough = counts >= _LEAST_OVERLAP * n_beams
+        costs[row, enough] = sums[enough] / counts[enough]
+    best = np.argmin(costs, axis=0)
+    is_told = (best > 0) & (best < 2 * n_shifts)
+    is_told &= costs.min(axis=0) < _ALIKE * np.median(np.minimum(costs, _CAP_M), axis=0)
+    return best - n_shifts, is_told
+
+
+def agreement(turns: ScanTurns, yaws_rad: tuple[F64, F64]) -> Agreement:
+    """Compare the turns of sweeps with headings (n,) of an odometry at both sweeps of each pair; NaN = none."""
+    driven_rad = wrap_angle(yaws_rad[1] - yaws_rad[0])
+    is_turning = np.isfinite(driven_rad) & (
+        (np.abs(driven_rad) > _TURNING_RAD) | (np.abs(turns.turns_rad) > _TURNING_RAD)
+    )
+    n_pairs = int(np.count_nonzero(is_turning))
+    if n_pairs < _LEAST_TURNING:
+        return NO_AGREEMENT
+    seen_rad, driven_rad = turns.turns_rad[is_turning], driven_rad[is_turning]
+    return Agreement(
+        n_pairs,
+        float(np.median(np.abs(wrap_angle(seen_rad - driven_rad)))),
+        float(np.median(np.abs(wrap_angle(seen_rad + driven_rad)))),
+        float(np.median(np.abs(seen_rad))),
+    )
+
+
+def agreement_at(turns: ScanTurns, stamps_ns: I64, poses: F64) -> Agreement:
+    """Compare the turns of sweeps with poses (n, 3) of an odometry at the stamps (n,), ascending, of all sweeps."""
+    rows = [
+        np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1)
+        for at_ns in (turns.first_ns, turns.second_ns)
+    ]
+    return agreement(turns, (poses[rows[0], 2], poses[rows[1], 2]))

@@ -1,0 +1,141 @@
+"""Two robots on one topic: odometry whose poses jump between two tracks is parted, sweeps that do so are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.domain.mapped import give_back
+from dynmap_cli.domain.poses import interpolate
+from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.choices.frames import matrices, planar, unit
+from dynmap_cli.ingest.choices.merging import Columns
+from dynmap_cli.ingest.choices.turns import ScanTurns, agreement, turns_of
+from dynmap_cli.ingest.raw.columns import blocks_of
+from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, sorted_by_stamp
+
+_JUMP_M, _BACK_SHARE = 1.0, 0.3
+_LOOK_AHEAD = 4
+_LEAST_JUMPS, _MOST_STEPS_PER_JUMP = 10, 20
+_CLEARLY = 0.7
+_CHANGED_M, _LEAST_ALTERNATING, _LEAST_SCANS = 0.2, 0.3, 20
+_FARTHEST_M = 10.0
+
+
+def part_tracks(recording: RawRecording) -> None:
+    """Keep one of the two tracks between which poses jump: that which turns as the sweeps do, if that can be told."""
+    turns: ScanTurns | None = None
+    sources: list[tuple[str, RawOdometry | RawTransform]] = [*recording.odometry.items()]
+    sources += [
+        (f"{parent} -> {child}", found)
+        for (parent, child), found in recording.transforms.items()
+        if not found.is_static
+    ]
+    for name, source in sources:
+        poses = _poses_of(source)
+        apart_m = _apart_m(poses)
+        if apart_m is None or not recording.lasers:
+            continue
+        if turns is None:
+            turns = turns_of(max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name)))
+        is_first = _first_track(poses)
+        off_rad = [_off_rad(turns, source.stamps_ns[rows], poses[rows]) for rows in (is_first, ~is_first)]
+        better = int(off_rad[1] < off_rad[0])
+        told = "it is not clear which is that of the robot with the laser, so neither is used"
+        kept = np.zeros(is_first.size, dtype=bool)
+        if off_rad[better] < _CLEARLY * off_rad[1 - better]:
+            told = "the one that turns as the scans do is used"
+            kept = ~is_first if better else is_first
+        recording.warnings.append(
+            f"{name}: its poses jump between two tracks, {apart_m:.1f} m apart in the median, as where two robots "
+            f"publish on one topic; {told}"
+        )
+        source.keep(kept)
+    recording.odometry = {name: one for name, one in recording.odometry.items() if one.stamps_ns.size}
+    recording.transforms = {pair: one for pair, one in recording.transforms.items() if one.stamps_ns.size}
+
+
+def _poses_of(source: RawOdometry | RawTransform) -> F64:
+    """Poses (n, 3) in the order of recording."""
+    if isinstance(source, RawOdometry):
+        return source.poses
+    return planar(matrices(source.values[:, :3], unit(source.values[:, 3:])))
+
+
+def _apart_m(poses: F64) -> float | None:
+    """How far tracks are apart between which poses (n, 3) jump again and again; None where they do not."""
+    steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    jumps = np.flatnonzero(steps_m[: max(steps_m.size - _LOOK_AHEAD, 0)] > _JUMP_M)
+    if jumps.size < max(_LEAST_JUMPS, steps_m.size // _MOST_STEPS_PER_JUMP):
+        return None
+    back_m = np.min(
+        [np.hypot(*(poses[jumps + ahead, :2] - poses[jumps, :2]).T) for ahead in range(2, _LOOK_AHEAD + 1)],
+        axis=0,
+    )
+    is_back = back_m < _BACK_SHARE * steps_m[jumps]
+    return float(np.median(steps_m[jumps])) if np.mean(is_back) > 0.5 else None
+
+
+def _first_track(poses: F64) -> B1:
+    """(n,) which poses go on from the first one; each is of the track whose last pose is nearer."""
+    places = poses[:, :2].tolist()
+    result = np.zeros(len(places), dtype=bool)
+    first, second = places[0], None
+    for number, place in enumerate(places):
+        to_first = np.hypot(place[0] - first[0], place[1] - first[1])
+        if second is None:
+            is_first = to_first <= _JUMP_M
+        else:
+            is_first = to_first <= np.hypot(place[0] - second[0], place[1] - second[1])
+        result[number] = is_first
+        if is_first:
+            first = place
+        else:
+            second = place
+    return result
+
+
+def _off_rad(turns: ScanTurns, stamps_ns: I64, poses: F64) -> float:
+    """What is left of the turns of the sweeps without those of a track; inf where that says nothing."""
+    track = sorted_by_stamp(stamps_ns, poses)
+    yaws = [interpolate(*track, at_ns)[:, 2] for at_ns in (turns.first_ns, turns.second_ns)]
+    found = agreement(turns, (yaws[0], yaws[1]))
+    return min(found.same_rad, found.opposite_rad)
+
+
+def refuse_two_lasers(columns: Columns, name: str) -> None:
+    """Refuse sweeps that show two places in turn.
+
+    Raises
+    ------
+    LogError
+    """
+    n_scans = columns.stamps_ns.size
+    if n_scans < _LEAST_SCANS or np.unique(columns.laser).size > 1:
+        return
+    is_alternating = []
+    for rows in blocks_of(columns.ranges_m):
+        block = columns.ranges_m[rows.start : rows.stop + 3]
+        if block.shape[0] > 3:
+            is_alternating.append(_alternates(block, columns.geometry_index[rows.start : rows.stop + 3]))
+        give_back(columns.ranges_m)
+    share = float(np.concatenate(is_alternating).mean())
+    if share > _LEAST_ALTERNATING:
+        msg = (
+            f"{name}: after {share:.0%} of the scans the next one shows another place and one of the two after it this "
+            "one again, as where two robots or lasers publish on one topic under one frame. Record each on a topic of "
+            "its own, or pass another --scan-topic."
+        )
+        raise LogError(msg)
+
+
+def _alternates(block: F32, geometry_index: I32) -> B1:
+    """(n - 3,) sweeps of (n, n_beams) that are much more like the second or third after them than like the next."""
+    values = np.minimum(np.nan_to_num(block, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
+    changes_m = []
+    for ahead in (1, 2, 3):
+        stop = values.shape[0] - 3 + ahead
+        change_m = np.median(np.abs(values[ahead:stop] - values[: values.shape[0] - 3]), axis=1)
+        is_alike = geometry_index[ahead:stop] == geometry_index[: values.shape[0] - 3]
+        changes_m.append(np.where(is_alike, change_m, np.nan if ahead == 1 else np.inf))
+    return np.asarray((changes_m[0] > _CHANGED_M) & (np.minimum(*changes_m[1:]) < _BACK_SHARE * changes_m[0]))

@@ -1,0 +1,61 @@
+"""Files that are no recordings that are read, told by their first bytes, with what to do instead."""
+
+from __future__ import annotations
+
+import re
+
+_STARTS = (
+    (
+        b"\xd4\xc3\xb2\xa1",
+        "a capture of network packets",
+        "Record the laser scans or points that the driver publishes",
+    ),
+    (
+        b"\xa1\xb2\xc3\xd4",
+        "a capture of network packets",
+        "Record the laser scans or points that the driver publishes",
+    ),
+    (
+        b"\x0a\x0d\x0d\x0a",
+        "a capture of network packets",
+        "Record the laser scans or points that the driver publishes",
+    ),
+    (b"\xed\xa1\xda\x01", "an LCM log", "Convert it to a ROS bag or to CARMEN text"),
+    (b"\x89HDF", "an HDF5 file", "Convert it to a ROS bag or to CARMEN text"),
+    (b"MATLAB", "a MATLAB file", "Convert it to a ROS bag or to CARMEN text"),
+    (b"\x89PNG", "an image", "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`"),
+    (b"P5", "an image", "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`"),
+    (b"P2", "an image", "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`"),
+    (b"LASF", "a point cloud without times", "Pass the recording that it was made from"),
+    (b"# .PCD", "a point cloud without times", "Pass the recording that it was made from"),
+    (b"ply\n", "a point cloud without times", "Pass the recording that it was made from"),
+    (b"rosbag2_bagfile_information", "the metadata of a ROS 2 bag", "Pass the folder that it lies in"),
+    (b"## Player", "a log of Player", "Convert it to a ROS bag or to CARMEN text"),
+    (b"robot_specifications", "a map as CMU's wean.dat, not a log", "Pass it with `dynmap localize --map`"),
+)
+_INSIDE = (
+    (
+        rb"C(Observation|Sensory|Action)\w+",
+        "an MRPT rawlog",
+        "Convert it to a ROS bag (mrpt_rawlog) or to CARMEN text",
+    ),
+    (rb"^global_map\[0\]", "a map as CMU's wean.dat, not a log", "Pass it with `dynmap localize --map`"),
+    (rb"^image:[^\n]*(?s:.*)^resolution:", "the YAML of a map", "Pass it with `dynmap localize --map`"),
+    (rb"^(VERTEX|EDGE)[_0-9A-Z]* ", "a pose graph without scans", "Pass the recording that it was made from"),
+    (
+        rb"\A([^\n]*[A-Za-z][^\n]*\n)?[-+0-9.eE, ;\t]*[,;][-+0-9.eE,; \t]*\r?$",
+        "a table of numbers",
+        "Convert it to a ROS bag or to CARMEN text (FLASER lines)",
+    ),
+)
+
+
+def foreign(head: bytes) -> str:
+    """What a file is and what to do, in two sentences, from its first bytes; "" where that is not known."""
+    for start, what, then in _STARTS:
+        if head.startswith(start):
+            return f"{what}. {then}."
+    for pattern, what, then in _INSIDE:
+        if re.search(pattern, head, re.MULTILINE):
+            return f"{what}. {then}."
+    return ""
