@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F32, F64, I32, I64
+from dynmap_cli.arrays import F32, F64, I32, I64
 from dynmap_cli.ingest.raw.columns import Growing, RangeStore, counts_of, steps_in
+from dynmap_cli.ingest.raw.stamped import Stamped
 
 _LONGEST_REACH_M = 120.0
 """No laser that sweeps a plane reaches farther."""
@@ -47,7 +48,7 @@ class ScanShape(NamedTuple):
         return self._replace(range_min_m=self.range_min_m * metres, range_max_m=self.range_max_m * metres)
 
 
-class RawLaser:
+class RawLaser(Stamped):
     """All sweeps of one laser, in the order in which they were recorded.
 
     Parameters
@@ -65,14 +66,13 @@ class RawLaser:
     def __init__(
         self, name: str, frame: str = "", robot_from_sensor: F64 | None = None, folder: Path | None = None
     ) -> None:
+        super().__init__(folder)
         self.name, self.frame, self.robot_from_sensor = name, frame, robot_from_sensor
         self.shape_table: list[ScanShape] = []
         """Shapes by number, in the order in which they came first."""
         self._numbers: dict[ScanShape, int] = {}
         self._ranges = RangeStore(folder)
         self._places = Growing(np.int64, folder=folder)
-        self._stamps_ns = Growing(np.int64, folder=folder)
-        self._logged_ns = Growing(np.int64, folder=folder)
         self._shape_index = Growing(np.int32, folder=folder)
         self._beam_interval_s = Growing(np.float64, folder=folder)
         self._recording = Growing(np.int32, folder=folder)
@@ -119,27 +119,15 @@ class RawLaser:
         number = other.recording if recording is None else np.full(other.n_scans, recording, dtype=np.int32)
         self._recording.extend(number)
 
-    def keep(self, wanted: B1 | I64) -> None:
-        """Forget all other sweeps; of numbers the order counts."""
-        for column in self._columns:
-            column.rows = column.rows[wanted]
-
     @property
     def _columns(self) -> tuple[Growing, ...]:
-        """All that has one row for each sweep."""
         return (
+            *super()._columns,
             self._places,
-            self._stamps_ns,
-            self._logged_ns,
             self._shape_index,
             self._beam_interval_s,
             self._recording,
         )
-
-    def give_back(self) -> None:
-        """Take what is in files out of memory."""
-        for column in self._columns:
-            column.give_back()
 
     def ranges_of(self, number: int) -> F32:
         """Ranges (n_beams,) of one sweep as recorded, metres."""
@@ -168,24 +156,6 @@ class RawLaser:
     def shape_of(self, number: int) -> ScanShape:
         """Shape of one sweep."""
         return self.shape_table[int(self._shape_index.rows[number])]
-
-    @property
-    def stamps_ns(self) -> I64:
-        """(n,) header stamps."""
-        return self._stamps_ns.rows
-
-    @stamps_ns.setter
-    def stamps_ns(self, stamps_ns: I64) -> None:
-        self._stamps_ns.rows = stamps_ns
-
-    @property
-    def logged_ns(self) -> I64:
-        """(n,) when the messages were recorded; the stamps where only these are known."""
-        return self._logged_ns.rows
-
-    @logged_ns.setter
-    def logged_ns(self, logged_ns: I64) -> None:
-        self._logged_ns.rows = logged_ns
 
     @property
     def shape_index(self) -> I32:

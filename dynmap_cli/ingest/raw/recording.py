@@ -8,15 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.arrays import F64, I64
 from dynmap_cli.ingest.raw.columns import Growing, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.stamped import Stamped
 
 _MOST_FRAMES = 4
 """Further frames of one topic that are taken for lasers."""
 
 
-class StampedRows:
+class StampedRows(Stamped):
     """Stamps, times of recording, and a row of numbers at each, in the order of recording.
 
     Parameters
@@ -26,8 +27,7 @@ class StampedRows:
     """
 
     def __init__(self, width: int) -> None:
-        self._stamps_ns = Growing(np.int64)
-        self._logged_ns = Growing(np.int64)
+        super().__init__()
         self._rows = Growing(np.float64, width)
 
     def add(self, stamp_ns: int, logged_ns: int, row: tuple[float, ...]) -> None:
@@ -43,29 +43,8 @@ class StampedRows:
         self._rows.extend(rows)
 
     @property
-    def stamps_ns(self) -> I64:
-        """(n,) in the order of recording."""
-        return self._stamps_ns.rows
-
-    @stamps_ns.setter
-    def stamps_ns(self, stamps_ns: I64) -> None:
-        self._stamps_ns.rows = stamps_ns
-
-    @property
-    def logged_ns(self) -> I64:
-        """(n,) when the messages were recorded; the stamps where only these are known."""
-        return self._logged_ns.rows
-
-    def keep(self, wanted: B1) -> None:
-        """Forget all other rows."""
-        for column in (self._stamps_ns, self._logged_ns, self._rows):
-            column.rows = column.rows[wanted]
-
-    def give_back(self) -> None:
-        """Take what is in files out of memory."""
-        self._stamps_ns.give_back()
-        self._logged_ns.give_back()
-        self._rows.give_back()
+    def _columns(self) -> tuple[Growing, ...]:
+        return (*super()._columns, self._rows)
 
 
 class RawOdometry(StampedRows):
