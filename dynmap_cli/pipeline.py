@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import platform
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -370,10 +371,14 @@ def _check_made(run_dir: Path, stages: Sequence[Stage]) -> None:
 
 
 def check_recordings(recordings: Sequence[Path]) -> None:
-    """Refuse recordings that are not there before anything is made."""
+    """Refuse recordings that are not there, or there twice, before anything is made."""
     if not recordings:
         msg = "no recording given. Pass one or more files or folders."
         raise LogError(msg)
+    for path, count in Counter(recordings).items():
+        if count > 1:
+            msg = f"{path} and {path}: the same recording. Pass it once."
+            raise LogError(msg)
     for path in recordings:
         check_path(path)
 
@@ -388,9 +393,6 @@ def digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str
     """Digest of each file or folder, by its path as given."""
     digests = {}
     for path in paths:
-        if str(path) in digests:
-            msg = f"{path} and {path}: the same recording. Pass it once."
-            raise error(msg)
         try:
             digests[str(path)] = sha256_of(path)
         except OSError as err:

@@ -23,7 +23,7 @@ _LEAST_BEAMS = 3
 """A pose has three unknowns, and a beam tells one."""
 _ZIGZAG, _ALIKE_RANGE_M = 1.1, 10.0
 _CLOCK_SET_S, _LONG_PAUSE_S = 5.0, 60.0
-_FROZEN_PATH_M = 1.0
+_FROZEN_SCANS, _FROZEN_PATH_M = 100, 1.0
 
 
 def drop_impossible(recording: RawRecording) -> None:
@@ -196,14 +196,15 @@ def note_odometry(columns: Columns, poses: F64, recording: RawRecording) -> None
 
 
 def refuse_frozen(columns: Columns, path_m: float, name: str) -> None:
-    """Refuse sweeps of which each is a copy of the first while the odometry moves.
+    """Refuse many sweeps of which each is a copy of the first, with returns, while the odometry moves.
 
     Raises
     ------
     LogError
     """
     first = columns.ranges_m[:1]
-    if path_m < _FROZEN_PATH_M or columns.stamps_ns.size < _LEAST_ON_CLOCK:
+    is_long = path_m >= _FROZEN_PATH_M and columns.stamps_ns.size >= _FROZEN_SCANS
+    if not is_long or not np.isfinite(first).any():
         return
     for rows in blocks_of(columns.ranges_m):
         block = columns.ranges_m[rows]
