@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.ingest.raw.laser import RawLaser
 
@@ -107,19 +107,34 @@ def _values(laser: RawLaser, rows: I64, range_max_m: float) -> F32:
     return values
 
 
-def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, np.ndarray]:
-    """Shift (n,) under which sweeps (n, n_beams) are most alike, and whether (n,) it stands out among the others."""
-    n_beams = before.shape[1]
-    costs = np.full((2 * n_shifts + 1, before.shape[0]), np.inf)
+def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, B1]:
+    """Shift (n,) under which sweeps (n, n_beams) are most alike, and whether (n,) it stands out among the others.
+
+    The cost of a shift is the mean difference, capped, of the beams that both have, of which every second one is
+    compared; inf where these are few.
+    """
+    # Beams first, so that each shift is one piece of memory; what is unknown weighs nothing.
+    before, after = np.ascontiguousarray(before.T), np.ascontiguousarray(after.T)
+    known = [np.isfinite(sweeps).astype(np.float32) for sweeps in (before, after)]
+    before, after = (np.nan_to_num(sweeps, nan=0.0) for sweeps in (before, after))
+    is_whole = all(weights.all() for weights in known)
+    n_beams, n_pairs = before.shape
+    costs = np.full((2 * n_shifts + 1, n_pairs), np.inf)
+    scratch = np.empty((n_beams, n_pairs), dtype=np.float32)
     for row, shift in enumerate(range(-n_shifts, n_shifts + 1)):
-        left = before[:, max(shift, 0) : n_beams + min(shift, 0)]
-        right = after[:, max(-shift, 0) : n_beams - max(shift, 0)]
-        off_m = np.minimum(np.abs(left - right), _CAP_M)
-        is_known = np.isfinite(off_m)
-        counts = np.count_nonzero(is_known, axis=1)
-        sums = np.where(is_known, off_m, 0.0).sum(axis=1, dtype=np.float64)
-        enough = counts >= _LEAST_OVERLAP * n_beams
-        costs[row, enough] = sums[enough] / counts[enough]
+        left = slice(max(shift, 0), n_beams + min(shift, 0), 2)
+        right = slice(max(-shift, 0), n_beams - max(shift, 0), 2)
+        off_m = scratch[: -(-(n_beams - abs(shift)) // 2)]
+        np.subtract(before[left], after[right], out=off_m)
+        np.abs(off_m, out=off_m)
+        np.minimum(off_m, np.float32(_CAP_M), out=off_m)
+        counts = np.full(n_pairs, off_m.shape[0], dtype=np.float32)
+        if not is_whole:
+            both = known[0][left] * known[1][right]
+            off_m *= both
+            counts = both.sum(axis=0)
+        enough = counts >= _LEAST_OVERLAP * n_beams / 2
+        costs[row, enough] = off_m.sum(axis=0)[enough] / counts[enough]
     best = np.argmin(costs, axis=0)
     is_told = (best > 0) & (best < 2 * n_shifts)
     is_told &= costs.min(axis=0) < _ALIKE * np.median(np.minimum(costs, _CAP_M), axis=0)

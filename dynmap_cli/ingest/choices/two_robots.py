@@ -11,7 +11,6 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import matrices, planar, unit
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.turns import ScanTurns, agreement, turns_of
-from dynmap_cli.ingest.raw.columns import blocks_of
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, sorted_by_stamp
 
 _JUMP_M, _BACK_SHARE = 1.0, 0.3
@@ -20,6 +19,7 @@ _LEAST_JUMPS, _MOST_STEPS_PER_JUMP = 10, 20
 _CLEARLY = 0.7
 _CHANGED_M, _LEAST_ALTERNATING, _LEAST_SCANS = 0.2, 0.3, 20
 _FARTHEST_M = 10.0
+_MOST_LOOKED_AT, _BEAMS_LOOKED_AT = 512, 90
 
 
 def part_tracks(recording: RawRecording) -> None:
@@ -104,22 +104,20 @@ def _off_rad(turns: ScanTurns, stamps_ns: I64, poses: F64) -> float:
 
 
 def refuse_two_lasers(columns: Columns, name: str) -> None:
-    """Refuse sweeps that show two places in turn.
+    """Refuse sweeps that show two places in turn; some hundreds, spread over all of them, tell.
 
     Raises
     ------
     LogError
     """
-    n_scans = columns.stamps_ns.size
-    if n_scans < _LEAST_SCANS or np.unique(columns.laser).size > 1:
+    n_scans, n_beams = columns.ranges_m.shape
+    if n_scans < _LEAST_SCANS or (columns.laser != columns.laser[0]).any():
         return
-    is_alternating = []
-    for rows in blocks_of(columns.ranges_m):
-        block = columns.ranges_m[rows.start : rows.stop + 3]
-        if block.shape[0] > 3:
-            is_alternating.append(_alternates(block, columns.geometry_index[rows.start : rows.stop + 3]))
-        give_back(columns.ranges_m)
-    share = float(np.concatenate(is_alternating).mean())
+    starts = np.linspace(0, n_scans - 4, min(_MOST_LOOKED_AT, n_scans - 3)).astype(np.int64)
+    looks = starts[:, None] + np.arange(4)
+    every = max(1, n_beams // _BEAMS_LOOKED_AT)
+    share = float(_alternates(columns.ranges_m[looks, ::every], columns.geometry_index[looks]).mean())
+    give_back(columns.ranges_m)
     if share > _LEAST_ALTERNATING:
         msg = (
             f"{name}: after {share:.0%} of the scans the next one shows another place and one of the two after it this "
@@ -129,13 +127,11 @@ def refuse_two_lasers(columns: Columns, name: str) -> None:
         raise LogError(msg)
 
 
-def _alternates(block: F32, geometry_index: I32) -> B1:
-    """(n - 3,) sweeps of (n, n_beams) that are much more like the second or third after them than like the next."""
-    values = np.minimum(np.nan_to_num(block, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
-    changes_m = []
-    for ahead in (1, 2, 3):
-        stop = values.shape[0] - 3 + ahead
-        change_m = np.median(np.abs(values[ahead:stop] - values[: values.shape[0] - 3]), axis=1)
-        is_alike = geometry_index[ahead:stop] == geometry_index[: values.shape[0] - 3]
-        changes_m.append(np.where(is_alike, change_m, np.nan if ahead == 1 else np.inf))
-    return np.asarray((changes_m[0] > _CHANGED_M) & (np.minimum(*changes_m[1:]) < _BACK_SHARE * changes_m[0]))
+def _alternates(ranges_m: F32, geometry_index: I32) -> B1:
+    """(n,) where of four sweeps (n, 4, n_beams) the first is much more like the third or fourth than the second."""
+    values = np.minimum(np.nan_to_num(ranges_m, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
+    change_m = np.median(np.abs(values[:, 1:] - values[:, :1]), axis=2)
+    is_alike = geometry_index[:, 1:] == geometry_index[:, :1]
+    next_m = np.where(is_alike[:, 0], change_m[:, 0], np.nan)
+    later_m = np.where(is_alike[:, 1:], change_m[:, 1:], np.inf).min(axis=1)
+    return np.asarray((next_m > _CHANGED_M) & (later_m < _BACK_SHARE * next_m))

@@ -9,7 +9,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import storage_sqlite3
 
 from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
-from dynmap_cli.ingest.containers.db3_tables import fault_of_tables
 from dynmap_cli.ingest.containers.mcap_records import (
     BROKEN_SUMMARY,
     SummaryState,
@@ -36,15 +35,9 @@ class UnreadableBagError(Exception):
 
 
 def check_file(file: Path) -> None:
-    """Refuse what the library would not notice, or not come back from."""
-    if file.suffix == ".mcap":
-        _check_summary(file)
-    elif file.suffix == ".db3" and (fault := fault_of_tables(file)):
-        raise UnreadableBagError(fault)
-
-
-def _check_summary(file: Path) -> None:
     """Refuse an MCAP file whose summary is broken, or lies before the end of another one that was appended."""
+    if file.suffix != ".mcap":
+        return
     state = summary_state(file)
     if state is SummaryState.BROKEN:
         raise UnreadableBagError(BROKEN_SUMMARY)

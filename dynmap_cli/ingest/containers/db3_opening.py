@@ -1,11 +1,14 @@
 """Opening of a .db3 file: what rosbags finds out, with one pass over its messages instead of two.
 
 rosbags joins topics and messages to count them, for which SQLite builds and sorts an index first, then goes through
-the times of all messages for a span that nobody asks for.
+the times of all messages for a span that nobody asks for. It runs whatever is in the file; here the tables are looked
+at first, and the rows that are counted are those of the table, which no index can hide.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import (
@@ -19,12 +22,21 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
+from dynmap_cli.ingest.containers.db3_tables import (
+    STEPS_AT_ONCE,
+    TOO_LONG,
+    WorkBound,
+    odd_indexes,
+    odd_tables,
+    too_many_topics,
+)
+
 _WITH_PROFILES, _WITH_DEFINITIONS = 2, 4
 """Versions of the tables from which on they have these."""
 _TABLES = "SELECT count(*) FROM sqlite_master WHERE type='table' AND name IN ('messages', 'topics')"
 _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions ORDER BY id"
 _TOPICS = "SELECT id, name, type, serialization_format, {}, {} FROM topics ORDER BY id"
-_COUNTS = "SELECT topic_id, count(*) FROM messages GROUP BY topic_id"
+_COUNTS = "SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id"
 _FORMATS = {
     "": MessageDefinitionFormat.NONE,
     "ros2msg": MessageDefinitionFormat.MSG,
@@ -36,17 +48,31 @@ class Db3Reader(Sqlite3Reader):
     """Gives the messages as its base does."""
 
     def _open(self) -> None:
-        """Fill in the topics with the numbers of their messages; the span of time stays unknown."""
+        """Fill in the topics with the numbers of their messages, if nothing is wrong; no span of time is looked for."""
         database: Any = self.dbconn
+        bound = WorkBound(Path(str(self.path)))
+        database.set_progress_handler(bound, STEPS_AT_ONCE)
+        try:
+            self._fill_in(database)
+        except Exception as err:
+            if bound.is_over:
+                raise ReaderError(TOO_LONG) from err
+            raise
+        database.set_progress_handler(None)
+
+    def _fill_in(self, database: Any) -> None:
+        """Look at the tables before anything of them is read, and at the indexes when the messages are counted."""
+        _refuse(odd_tables(database).values())
         ((n_tables,),) = database.execute(_TABLES)
         if n_tables != 2:
-            msg = f"Cannot open database {self.path} or database missing tables."
-            raise ReaderError(msg)
+            _refuse([f"Cannot open database {self.path} or database missing tables."])
+        _refuse(too_many_topics(database))
         self.schema = _version_of(database)
         definitions: dict[str, tuple[str, str]] = {}
         for kind, *written in database.execute(_DEFINITIONS) if self.schema >= _WITH_DEFINITIONS else ():
             definitions.setdefault(kind, (written[0], written[1]))
         counts: dict[Any, int] = dict(database.execute(_COUNTS))
+        _refuse(odd_indexes(database, sum(counts.values())))
         profiles = "offered_qos_profiles" if self.schema >= _WITH_PROFILES else "''"
         digest = "type_description_hash" if self.schema >= _WITH_DEFINITIONS else "''"
         self.connections = [
@@ -65,6 +91,18 @@ class Db3Reader(Sqlite3Reader):
             )
         ]
         self.metadata = self.metadata._replace(message_count=sum(counts.values()))
+
+
+def _refuse(faults: Iterable[str]) -> None:
+    """Refuse a file that has any fault.
+
+    Raises
+    ------
+    ReaderError
+    """
+    told = "; ".join(faults)
+    if told:
+        raise ReaderError(told)
 
 
 def use_db3_reader(reader: Any) -> None:

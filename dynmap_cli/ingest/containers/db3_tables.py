@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from dynmap_cli.ingest.messages.stored import words_of
@@ -19,9 +20,26 @@ MOST_TOPICS = 10_000
 _LOOKED_AT = (MESSAGES, TOPICS, DEFINITIONS, "schema", "metadata")
 _STEPS_AT_LEAST, _STEPS_PER_BYTE = 1 << 23, 2
 """Steps of SQLite's machine; a row takes about ten of them, and not less than 20 bytes."""
-_STEPS_AT_ONCE = 1 << 14
+STEPS_AT_ONCE = 1 << 14
 _BY_INDEX = 'SELECT total(1) FROM messages INDEXED BY "{}"'
 TOO_LONG = "its tables hold more rows than have room in the file"
+
+
+class WorkBound:
+    """Progress handler that ends a query when all of a connection took more steps than a file of its size is worth."""
+
+    def __init__(self, path: Path) -> None:
+        self._left = _STEPS_AT_LEAST + _STEPS_PER_BYTE * path.stat().st_size
+
+    def __call__(self) -> int:
+        """Be called every `STEPS_AT_ONCE` steps."""
+        self._left -= STEPS_AT_ONCE
+        return int(self.is_over)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it took more."""
+        return self._left < 0
 
 
 @contextmanager
@@ -35,36 +53,14 @@ def open_tables(path: Path) -> Iterator[sqlite3.Connection]:
     """
     address = f"file:{quote(str(path.resolve()))}?mode=ro&immutable=1"
     connection = sqlite3.connect(address, uri=True, isolation_level=None)
-    left = _STEPS_AT_LEAST + _STEPS_PER_BYTE * path.stat().st_size
-
-    def is_over() -> int:
-        nonlocal left
-        left -= _STEPS_AT_ONCE
-        return int(left < 0)
-
-    connection.set_progress_handler(is_over, _STEPS_AT_ONCE)
+    connection.set_progress_handler(WorkBound(path), STEPS_AT_ONCE)
     try:
         yield connection
     finally:
         connection.close()
 
 
-def fault_of_tables(path: Path) -> str:
-    """Say why the tables of a .db3 are not to be read as they are; "" where nothing is wrong with them."""
-    try:
-        with open_tables(path) as connection:
-            faults = odd_tables(connection)
-            if faults:
-                return "; ".join(faults.values())
-            n_topics = _count(connection, "SELECT total(1) FROM topics NOT INDEXED")
-            if n_topics > MOST_TOPICS:
-                return f"it has {n_topics} topics (at most {MOST_TOPICS})"
-            return _hidden_rows(connection)
-    except sqlite3.Error as err:
-        return words_of_database(err)
-
-
-def odd_tables(connection: sqlite3.Connection) -> dict[str, str]:
+def odd_tables(connection: Any) -> dict[str, str]:
     """What is wrong with each table that is read and is none, or has columns that are computed."""
     faults = {}
     query = "SELECT name, type, sql FROM sqlite_master WHERE lower(name) = ?"
@@ -87,20 +83,24 @@ def words_of_database(err: sqlite3.Error) -> str:
     return TOO_LONG if str(err) == "interrupted" else words_of(err)
 
 
-def _hidden_rows(connection: sqlite3.Connection) -> str:
-    """Say which index leaves out messages, or has too many: by it they are counted and put into order."""
+def too_many_topics(connection: Any) -> Iterator[str]:
+    """Say so where there are more than any robot has."""
+    n_topics = _count(connection, "SELECT total(1) FROM topics NOT INDEXED")
+    if n_topics > MOST_TOPICS:
+        yield f"it has {n_topics} topics (at most {MOST_TOPICS})"
+
+
+def odd_indexes(connection: Any, n_rows: int) -> Iterator[str]:
+    """Say which indexes leave out some of the messages, or have too many: by these they are put into order."""
     query = "SELECT name FROM sqlite_master WHERE type = 'index' AND lower(tbl_name) = ? AND sql IS NOT NULL"
-    names = [str(name) for (name,) in connection.execute(query, (MESSAGES,)).fetchall()]
-    n_rows = _count(connection, "SELECT total(1) FROM messages NOT INDEXED") if names else 0
-    for name in names:
-        quoted = name.replace('"', '""')
+    for (name,) in connection.execute(query, (MESSAGES,)).fetchall():
+        quoted = str(name).replace('"', '""')
         n_indexed = _count(connection, _BY_INDEX.format(quoted))
         if n_indexed != n_rows:
-            return f"its index {name!r} has {n_indexed} messages, its table {n_rows}"
-    return ""
+            yield f"its index {name!r} has {n_indexed} messages, its table {n_rows}"
 
 
-def _count(connection: sqlite3.Connection, query: str) -> int:
+def _count(connection: Any, query: str) -> int:
     """Number of rows, counted one by one, for only so the bound on the work holds."""
     ((count,),) = connection.execute(query).fetchall()
     return int(count)
