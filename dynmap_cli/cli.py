@@ -42,7 +42,7 @@ Exit codes:
     0  done; what that means for localize, its --help says
     1  internal error: a bug, with its traceback
     2  usage
-    3  settings or scenario
+    3  settings, scenario, or what RUN does not have
     4  recording
     5  files between stages, or an output that cannot be written
   130  interrupted

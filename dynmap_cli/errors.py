@@ -12,7 +12,7 @@ class DynmapError(Exception):
 
 
 class ConfigError(DynmapError):
-    """A setting, scenario or option value that is not allowed."""
+    """A setting, scenario or option value that is not allowed, or a sub-map or state that the run does not have."""
 
     exit_code = 3
 

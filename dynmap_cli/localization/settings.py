@@ -30,7 +30,9 @@ class LocalizationSettings(BaseModel):
     )
 
     min_particles: int = Field(1000, ge=10, le=1_000_000, description="Particles at least.")
-    max_particles: int = Field(3000, ge=10, le=1_000_000, description="Particles at most.")
+    max_particles: int = Field(
+        3000, ge=10, le=1_000_000, description="Particles at most; time grows with them."
+    )
     pf_err: float = Field(
         0.05, ge=0.001, lt=1, description="KLD sampling: error of the distribution allowed."
     )

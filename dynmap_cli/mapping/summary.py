@@ -102,7 +102,8 @@ def _drive_lines(drive: Registrar) -> list[str]:
         lines.append("sweeps run from the last beam to the first")
     if drive.calibration.is_revolution:
         lines.append(
-            "a sweep lasts until the next: the recording says much less, and so the scans do not fit"
+            "a sweep takes a whole turn of the laser, the time until the next sweep; with the much shorter time "
+            "that the recording states, the scans would not fit one another"
         )
     return lines
 

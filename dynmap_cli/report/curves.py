@@ -68,7 +68,8 @@ def draw_visits(visits: Sequence[Visit], submaps: Sequence[SubMap], first_ns: in
     """
     numbers = sorted({visit.submap_id for visit in visits})
     clock = _Clock(visits, first_ns)
-    figure = Figure(figsize=(8.0, 1.6 + 0.28 * len(numbers)), dpi=100, layout="constrained")
+    dates_inches = 0.8 if clock.cuts else 0.0
+    figure = Figure(figsize=(8.0, 1.6 + dates_inches + 0.28 * len(numbers)), dpi=100, layout="constrained")
     axes = figure.subplots()
     if not visits:
         axes.set_axis_off()

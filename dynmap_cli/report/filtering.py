@@ -15,7 +15,7 @@ from dynmap_cli.domain.grid import OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from dynmap_cli.report.ink import INK, font_of
 from dynmap_cli.report.pictures import MapPicture
 
-_PANEL_PIXELS, _GAP_PIXELS, _TITLE_PIXELS = (850, 1200), 12, 24
+_PANEL_PIXELS, _GAP_PIXELS, _TITLE_PIXELS, _MARGIN_PIXELS = (850, 1200), 12, 24, 4
 _NEAR = np.ones((3, 3), dtype=bool)
 
 
@@ -61,12 +61,15 @@ def side_by_side(titled: Sequence[tuple[str, Image.Image]]) -> Image.Image:
     across = len(titled) if height > 0.6 * width else 1
     down = -(-len(titled) // across)
     longest = max(math.ceil(font.getlength(title)) for title, _ in titled)
-    step_x, step_y = max(width, longest) + _GAP_PIXELS, height + _GAP_PIXELS + _TITLE_PIXELS
+    step_x, step_y = (
+        max(width, longest + 2 * _MARGIN_PIXELS) + _GAP_PIXELS,
+        height + _GAP_PIXELS + _TITLE_PIXELS,
+    )
     sheet = Image.new("RGB", (across * step_x - _GAP_PIXELS, down * step_y - _GAP_PIXELS), (255, 255, 255))
     pen = ImageDraw.Draw(sheet)
     for number, (title, image) in enumerate(titled):
         left, top = number % across * step_x, number // across * step_y
-        pen.text((left, top + 2), title, fill=INK, font=font)
+        pen.text((left + _MARGIN_PIXELS, top + 2), title, fill=INK, font=font)
         sheet.paste(image, (left, top + _TITLE_PIXELS))
     return sheet
 

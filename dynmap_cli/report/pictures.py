@@ -18,7 +18,7 @@ from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
 
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
 _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
-_SCALE_PIXELS = 36
+_SCALE_PIXELS, _MARGIN_PIXELS = 36, 10
 _FEW, _FEW_PIXELS = 500, 4
 """So few removed beams are drawn larger, or nobody finds them on a large map."""
 Cells = TypeVar("Cells", F32, I8)
@@ -98,13 +98,14 @@ class MapPicture:
         longest_m = 0.25 * self._pixels.shape[1] / self._pixels_per_m
         decade = 10.0 ** math.floor(math.log10(longest_m))
         length_m = max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= longest_m)
-        right, label = length_m * self._pixels_per_m, f"{length_m:g} m"
+        label = f"{length_m:g} m"
         font = font_of(font_pixels(image.size))
-        width = max(image.width, math.ceil(right + 8 + font.getlength(label)))
+        left, right = _MARGIN_PIXELS, _MARGIN_PIXELS + length_m * self._pixels_per_m
+        width = max(image.width, math.ceil(right + 8 + font.getlength(label)) + _MARGIN_PIXELS)
         sheet = Image.new("RGB", (width, image.height + _SCALE_PIXELS), PAPER)
         sheet.paste(image, (0, 0))
         pen, y = ImageDraw.Draw(sheet), image.height + _SCALE_PIXELS // 2
-        pen.line((0, y, right, y), fill=INK, width=3)
+        pen.line((left, y, right, y), fill=INK, width=3)
         pen.text((right + 8, y), label, fill=INK, font=font, anchor="lm")
         return sheet
 

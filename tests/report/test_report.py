@@ -23,6 +23,7 @@ from dynmap_cli.files.scan_log import write_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.report.curves import _legend
+from dynmap_cli.report.filtering import side_by_side
 from dynmap_cli.report.pictures import MapPicture
 from dynmap_cli.report.stage import _removed_ends, run
 from dynmap_cli.stage import StageContext
@@ -189,6 +190,15 @@ def test_the_scale_stands_below_the_map():
     below = image[200 * 8 :]
     assert (below == 32).any()
     assert (below == 255).any()
+    assert (below[:, [0, -1]] == 255).all()
+
+
+def test_titles_of_narrow_pictures_are_not_cut():
+    panel = Image.new("RGB", (20, 80))
+    sheet = np.asarray(side_by_side((("every end point", panel), ("filtered, 3706 beams removed", panel))))
+    title = sheet[:24]
+    assert (title < 255).any()
+    assert (title[:, [0, -1]] == 255).all()
 
 
 def test_the_colours_of_states_are_named():
