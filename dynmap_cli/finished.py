@@ -18,6 +18,7 @@ from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import manifest_path
 from dynmap_cli.files.patch_archive import read_names, read_patches
 from dynmap_cli.files.pgm import read_map
+from dynmap_cli.given import check_recordings
 from dynmap_cli.history import stage as history
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
@@ -26,7 +27,6 @@ from dynmap_cli.pipeline import (
     STAGES,
     StageResult,
     check_chain,
-    check_recordings,
     context_of,
     finished_run,
     keep_recordings,

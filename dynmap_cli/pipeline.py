@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import platform
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from dynmap_cli import __version__
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.compiling import announce_compilation
 from dynmap_cli.config import Config
-from dynmap_cli.errors import ArtifactError, DynmapError, LogError
+from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.files import edits, known
 from dynmap_cli.files.atomic import discard_scratch, replacing, scratch_folder
 from dynmap_cli.files.damage import DAMAGE
@@ -34,7 +33,7 @@ from dynmap_cli.files.manifest import (
 from dynmap_cli.files.pgm import image_of
 from dynmap_cli.files.publishing import finish_swap, publish, read_manifest_or_none
 from dynmap_cli.files.space import check_space
-from dynmap_cli.ingest.containers.opening import check_path
+from dynmap_cli.given import check_recordings, digests_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
 from dynmap_cli.printable import printable
@@ -370,32 +369,7 @@ def _check_made(run_dir: Path, stages: Sequence[Stage]) -> None:
                 raise ArtifactError(msg)
 
 
-def check_recordings(recordings: Sequence[Path]) -> None:
-    """Refuse recordings that are not there, or there twice, before anything is made."""
-    if not recordings:
-        msg = "no recording given. Pass one or more files or folders."
-        raise LogError(msg)
-    for path, count in Counter(recordings).items():
-        if count > 1:
-            msg = f"{path} and {path}: the same recording. Pass it once."
-            raise LogError(msg)
-    for path in recordings:
-        check_path(path)
-
-
 def keep_recordings(folder: Path, recordings: Sequence[Path]) -> None:
     """Refuse other recordings than those that a folder was made from."""
     done = read_manifest(folder / INGEST.folder, INGEST.name)
     check_same_recordings(folder, done, digests_of(recordings, LogError))
-
-
-def digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str]:
-    """Digest of each file or folder, by its path as given."""
-    digests = {}
-    for path in paths:
-        try:
-            digests[str(path)] = sha256_of(path)
-        except OSError as err:
-            msg = f"{path}: cannot be read ({err.strerror})"
-            raise error(msg) from err
-    return digests

@@ -20,15 +20,14 @@ from dynmap_cli.files.known import remember
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import Manifest, manifest_path, read_manifest
 from dynmap_cli.files.publishing import SWAPPED_IN, finish_swap
+from dynmap_cli.given import check_recordings, digests_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.pipeline import (
     STAGE_PLACES,
     STAGES,
     StageResult,
     check_finished,
-    check_recordings,
     context_of,
-    digests_of,
     run_stage,
     write_run_yaml,
 )
