@@ -91,7 +91,7 @@ def draw_beliefs(course: Course, called: Mapping[int, str], first_ns: int) -> by
         axes.set_title(f"sub-map {name}", loc="left", fontsize=9, parse_math=False)
         axes.set_ylabel("probability")
         axes.grid(visible=True, color="#e4e4e4")
-        axes.legend(loc="center right", fontsize=8)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     grid[-1].set_xlabel("t, seconds from the first scan")
     return as_png(figure)
 

@@ -129,7 +129,8 @@ def build_filter_map(
             unfiltered = occupancy(all_static(filtered.counting_map))
         rounds.append(_round(filtered, known, poses, before))
         spare, known = known, filtered.static_probability
-        _log.info("round %d: %.1f %% of the beams dynamic", len(rounds), 100 * filtered.dynamic_share)
+        percent = 100 * filtered.dynamic_share
+        _log.info("round %d: %.1f %% of the beams dynamic, before looks", len(rounds), percent)
         if rounds[-1].changed_labels < settings.stop_label_share or len(rounds) == settings.max_rounds:
             return FilterMap(
                 Trajectory(log.stamps_ns, poses),

@@ -146,8 +146,8 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
             "em.png",
             _png(draw_rounds_of_map(_rounds_of_map(folder, unfiltered), grid, curves)),
             "Rounds of registration and filtering. Orange: cells that the final map does not have. Below: how well "
-            "all beams are explained, how many are called dynamic. Poses and looks "
-            "change between rounds, so the first may fall.",
+            "all beams are explained, how many are called dynamic; poses change between rounds, so the first may "
+            "fall. What stands for a while is judged after the last round, by looks, and may add to the share.",
         ),
     )
 
