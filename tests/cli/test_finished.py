@@ -15,7 +15,7 @@ from dynmap_cli.files.submaps import read_submaps
 from dynmap_cli.files.trajectory import format_stamp, parse_stamp
 from dynmap_cli.history.timeline import TIMELINE_HEADER
 from tests.cli.conftest import run_dynmap
-from tests.cli.test_readme import README
+from tests.cli.test_readme import OUTPUTS
 
 SETTINGS, FILES = 3, 5
 VERBS = {"export": ("--state", "latest", "-o", "out"), "timeline": ("-o", "out"), "explain": ("0",)}
@@ -172,7 +172,7 @@ def test_the_timeline_has_a_row_for_every_visit(corridor, tmp_path, unharmed):
     assert run_dynmap(*words, tmp_path / "two").exit_code == 0
     assert unharmed(tmp_path / "one") == unharmed(tmp_path / "two")
     assert unharmed(corridor.run_dir) == before
-    assert f"`{TIMELINE_HEADER}`" in README
+    assert f"`{TIMELINE_HEADER}`" in OUTPUTS
 
 
 def test_the_timeline_lies_in_the_run_by_default(small):

@@ -1,4 +1,4 @@
-"""What the README shows works."""
+"""What the README and the pages in docs/ show works."""
 
 import json
 import re
@@ -6,10 +6,11 @@ from pathlib import Path
 
 PROJECT = Path(__file__).parents[2]
 README = (PROJECT / "README.md").read_text(encoding="utf-8")
+OUTPUTS = (PROJECT / "docs" / "outputs.md").read_text(encoding="utf-8")
 
 
 def test_the_python_in_the_readme_reads_the_patches(corridor, capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", OUTPUTS, re.DOTALL)
     names: dict[str, object] = {}
     exec(code.replace("runs/site", str(corridor.run_dir)), names)
     lines = capsys.readouterr().out.splitlines()
@@ -24,7 +25,7 @@ def test_every_file_of_a_run_is_in_the_table(corridor):
             if path.is_dir() or name.endswith((".manifest.json", ".npy")) or name == ".lock":
                 continue
             known = re.sub(r"_\d\b", "_N", re.sub(r"_\d{3}", "_NNN", name))
-            assert known in README or path.parent.name in ("figures", "scans"), name
+            assert known in OUTPUTS or path.parent.name in ("figures", "scans"), name
 
 
 def test_columns_and_exit_codes_are_as_documented():
@@ -32,18 +33,19 @@ def test_columns_and_exit_codes_are_as_documented():
     from dynmap_cli.files.manifest import FORMAT_VERSION
     from dynmap_cli.localization.outputs import HEALTH_HEADER, STATES_HEADER
 
-    assert f"`{STATES_HEADER}`" in README
-    assert f"`{HEALTH_HEADER}`" in README
-    assert f"**format version {FORMAT_VERSION}**" in README
+    assert f"`{STATES_HEADER}`" in OUTPUTS
+    assert f"`{HEALTH_HEADER}`" in OUTPUTS
+    assert f"**format version {FORMAT_VERSION}**" in OUTPUTS
     for kind, word in ((ConfigError, "setting"), (LogError, "recording"), (ArtifactError, "between stages")):
         assert re.search(rf"^\| {kind.exit_code} \| [^|]*{word}", README, re.MULTILINE)
 
 
 def test_links_lead_somewhere():
-    links = re.findall(r"\]\(([^)#:]+)\)|src=\"([^\"]+)\"", README)
-    links = [link or picture for link, picture in links]
-    assert links
-    assert [link for link in links if not (PROJECT / link).exists()] == []
+    for page, folder in ((README, PROJECT), (OUTPUTS, PROJECT / "docs")):
+        found = re.findall(r"\]\(([^)#:]+)[^):]*\)|src=\"([^\"]+)\"", page)
+        links = [link or picture for link, picture in found]
+        assert [link for link in links if not (folder / link).exists()] == []
+    assert "docs/outputs.md" in README
 
 
 def test_the_lines_of_the_terminal_are_those_that_are_printed(corridor):
