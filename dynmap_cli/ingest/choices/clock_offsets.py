@@ -21,6 +21,7 @@ from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransf
 
 _LEAST_APART_S = 1.0
 _MOST_SPREAD_S, _SPREAD_QUANTILES = 1.0, (0.1, 0.9)
+_MOST_DELAYS = 1 << 17
 _CLEARLY = 0.7
 
 
@@ -64,12 +65,16 @@ def _sources_of(recording: RawRecording) -> Iterator[tuple[str, RawLaser | RawOd
 
 
 def _delay_s(stamps_ns: I64, logged_ns: I64) -> float | None:
-    """Median time from stamp to recording; None where it varies, or there is too little to tell."""
+    """Median time from stamp to recording; None where it varies, or there is too little to tell.
+
+    Of very many messages some, evenly spread, tell.
+    """
     if stamps_ns.size < 2:
         return None
-    low, high = np.quantile(logged_ns - stamps_ns, _SPREAD_QUANTILES) * 1e-9
-    middle_ns = int(np.median(logged_ns - stamps_ns))
-    return middle_ns * 1e-9 if high - low < _MOST_SPREAD_S else None
+    every = -(-stamps_ns.size // _MOST_DELAYS)
+    delays_ns = logged_ns[::every] - stamps_ns[::every]
+    low, high = np.quantile(delays_ns, _SPREAD_QUANTILES) * 1e-9
+    return int(np.median(delays_ns)) * 1e-9 if high - low < _MOST_SPREAD_S else None
 
 
 def _fits_better_as_stamped(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> bool:

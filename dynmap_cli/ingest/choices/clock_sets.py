@@ -12,6 +12,7 @@ import numpy as np
 
 from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.merging import period_s_of
+from dynmap_cli.ingest.raw.columns import steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 
@@ -26,12 +27,11 @@ def join_set_clocks(recording: RawRecording) -> None:
         return
     laser = max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name))
     stamps_ns = laser.stamps_ns
-    steps_ns = np.diff(stamps_ns)
-    cuts = np.flatnonzero((steps_ns < _BACK_NS) | (steps_ns > _FORTH_NS)) + 1
+    cuts = _jumps_of(stamps_ns)
     sizes = np.diff([0, *cuts.tolist(), stamps_ns.size])
     if not 0 < cuts.size <= _MOST_JUMPS or sizes.min() < _LEAST_SCANS:
         return
-    jumps_ns = steps_ns[cuts - 1].tolist()
+    jumps_ns = (stamps_ns[cuts] - stamps_ns[cuts - 1]).tolist()
     period_ns = round(
         period_s_of(np.concatenate([np.sort(part) for part in np.split(stamps_ns, cuts)])) * 1e9
     )
@@ -52,6 +52,15 @@ def join_set_clocks(recording: RawRecording) -> None:
         f"{file_name(recording.name)}: the clock was set while it was made: {laser.name} jumps by {told}; its "
         "stamps are moved to the clock of most scans, as if no time had passed there"
     )
+
+
+def _jumps_of(stamps_ns: I64) -> I64:
+    """Numbers (n_jumps,) of the stamps (n,) before which the clock jumped; block by block, to save memory."""
+    found, start = [], 1
+    for steps_ns in steps_in(stamps_ns):
+        found.append(start + np.flatnonzero((steps_ns < _BACK_NS) | (steps_ns > _FORTH_NS)))
+        start += steps_ns.size
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
 
 
 def _cuts_of(stamps_ns: I64, jumps_ns: Sequence[int]) -> list[int] | None:

@@ -15,7 +15,7 @@ from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.ingest.raw.laser import RawLaser
 
 _SPAN_S, _LEAST_STEP_S = 0.5, 1e-3
-_MOST_PAIRS = 400
+_MOST_PAIRS, _BEAMS_COMPARED = 400, 90
 _STEP_RAD, _FARTHEST_RAD = np.radians(1.0), np.radians(60.0)
 _CAP_M = 0.5
 _ALIKE = 0.5
@@ -110,8 +110,8 @@ def _values(laser: RawLaser, rows: I64, range_max_m: float) -> F32:
 def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, B1]:
     """Shift (n,) under which sweeps (n, n_beams) are most alike, and whether (n,) it stands out among the others.
 
-    The cost of a shift is the mean difference, capped, of the beams that both have, of which every second one is
-    compared; inf where these are few.
+    The cost of a shift is the mean difference, capped, of the beams that both have, of which some, evenly spread,
+    are compared; inf where these are few.
     """
     # Beams first, so that each shift is one piece of memory; what is unknown weighs nothing.
     before, after = np.ascontiguousarray(before.T), np.ascontiguousarray(after.T)
@@ -119,12 +119,13 @@ def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, B1]:
     before, after = (np.nan_to_num(sweeps, nan=0.0) for sweeps in (before, after))
     is_whole = all(weights.all() for weights in known)
     n_beams, n_pairs = before.shape
+    every = max(1, n_beams // _BEAMS_COMPARED)
     costs = np.full((2 * n_shifts + 1, n_pairs), np.inf)
     scratch = np.empty((n_beams, n_pairs), dtype=np.float32)
     for row, shift in enumerate(range(-n_shifts, n_shifts + 1)):
-        left = slice(max(shift, 0), n_beams + min(shift, 0), 2)
-        right = slice(max(-shift, 0), n_beams - max(shift, 0), 2)
-        off_m = scratch[: -(-(n_beams - abs(shift)) // 2)]
+        left = slice(max(shift, 0), n_beams + min(shift, 0), every)
+        right = slice(max(-shift, 0), n_beams - max(shift, 0), every)
+        off_m = scratch[: -(-(n_beams - abs(shift)) // every)]
         np.subtract(before[left], after[right], out=off_m)
         np.abs(off_m, out=off_m)
         np.minimum(off_m, np.float32(_CAP_M), out=off_m)
@@ -133,7 +134,7 @@ def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, B1]:
             both = known[0][left] * known[1][right]
             off_m *= both
             counts = both.sum(axis=0)
-        enough = counts >= _LEAST_OVERLAP * n_beams / 2
+        enough = counts >= _LEAST_OVERLAP * n_beams / every
         costs[row, enough] = off_m.sum(axis=0)[enough] / counts[enough]
     best = np.argmin(costs, axis=0)
     is_told = (best > 0) & (best < 2 * n_shifts)
