@@ -15,7 +15,7 @@ from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.ingest.raw.laser import RawLaser
 
 _SPAN_S, _LEAST_STEP_S = 0.5, 1e-3
-_MOST_PAIRS, _BEAMS_COMPARED = 400, 90
+_MOST_PAIRS, _BEAMS_COMPARED = 200, 90
 _STEP_RAD, _FARTHEST_RAD = np.radians(1.0), np.radians(60.0)
 _CAP_M = 0.5
 _ALIKE = 0.5
