@@ -40,7 +40,7 @@ class Db3Reader(Sqlite3Reader):
         database: Any = self.dbconn
         ((n_tables,),) = database.execute(_TABLES)
         if n_tables != 2:
-            msg = f"Cannot open database {self.path} or database missing tables."
+            msg = "its tables messages or topics are missing"
             raise ReaderError(msg)
         self.schema = _version_of(database)
         definitions: dict[str, tuple[str, str]] = {}

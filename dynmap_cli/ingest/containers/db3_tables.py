@@ -21,6 +21,7 @@ _STEPS_AT_LEAST, _STEPS_PER_BYTE = 1 << 23, 2
 """Steps of SQLite's machine; a row takes about ten of them, and not less than 20 bytes."""
 _STEPS_AT_ONCE = 1 << 14
 _BY_INDEX = 'SELECT total(1) FROM messages INDEXED BY "{}"'
+_NUMBERS = "SELECT count(DISTINCT id) FROM topics NOT INDEXED WHERE typeof(id) = 'integer'"
 TOO_LONG = "its tables hold more rows than have room in the file"
 
 
@@ -59,6 +60,9 @@ def fault_of_tables(path: Path) -> str:
             n_topics = _count(connection, "SELECT total(1) FROM topics NOT INDEXED")
             if n_topics > MOST_TOPICS:
                 return f"it has {n_topics} topics (at most {MOST_TOPICS})"
+            n_numbers = _count(connection, _NUMBERS)
+            if n_numbers != n_topics:
+                return f"its {n_topics} topics have {n_numbers} different numbers"
             return _hidden_rows(connection)
     except sqlite3.Error as err:
         return words_of_database(err)
