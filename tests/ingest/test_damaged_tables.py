@@ -79,3 +79,19 @@ def test_where_rows_are_read_one_by_one_those_of_no_topic_are_counted_too(tmp_pa
     _, report = read(path)
     assert "message of no known topic" in report.damage
     assert "lost 60 single messages" in report.warnings[0]
+
+
+@pytest.mark.parametrize("number", ["(SELECT id FROM topics WHERE name = '/scan')", "NULL", "'a'", "0.5"])
+def test_topics_whose_numbers_do_not_tell_them_apart_are_said(number, tmp_path):
+    path = altered(
+        tmp_path,
+        "CREATE TABLE others AS SELECT * FROM topics",
+        f"INSERT INTO others SELECT {number}, '/other', type, serialization_format, offered_qos_profiles, "
+        "type_description_hash FROM topics WHERE name = '/scan'",
+        "DROP TABLE topics",
+        "ALTER TABLE others RENAME TO topics",
+    )
+    log, report = read_recordings([path], IngestSettings())
+    np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
+    assert "topics have" in report.damage[0]
+    assert "different numbers" in report.damage[0]

@@ -63,7 +63,7 @@ def test_a_file_without_messages_table_is_refused(tmp_path):
     with sqlite3.connect(tmp_path / "a.db3") as database:
         database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY)")
     database.close()
-    with pytest.raises(ReaderError, match="missing tables"):
+    with pytest.raises(ReaderError, match="are missing"):
         Db3Reader(tmp_path / "a.db3").open()
 
 

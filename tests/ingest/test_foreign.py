@@ -50,5 +50,5 @@ def test_angles_of_scans_in_degrees_are_read(tmp_path):
 
     world = World(first_rad=-2.0, step_rad=0.1, n_beams=41, change=in_degrees)
     log, report = read(tmp_path, world)
-    assert report.notes[0] == "/scan: its angles are in degrees"
+    assert report.warnings == ("/scan: its angles are no sweep in radians: taken to be in degrees",)
     np.testing.assert_allclose(log.bearings_rad[0], -2.0 + 0.1 * np.arange(41), atol=1e-4)

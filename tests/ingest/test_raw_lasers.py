@@ -198,3 +198,16 @@ def test_angles_in_degrees_and_lines_that_end_with_carriage_returns_are_read(tmp
     log, _ = read_recordings([path], IngestSettings())
     assert log.n_scans == N
     np.testing.assert_allclose(log.bearings_rad[0], np.radians(np.arange(-90, 91)), atol=1e-9)
+
+
+def test_stated_angles_in_degrees_are_said(tmp_path):
+    lines = []
+    for number in range(N):
+        line = raw_line(number).replace(
+            f"{START_RAD} 3.141593 {STEP_RAD}", f"{np.degrees(START_RAD)} 180.0 {np.degrees(STEP_RAD)}"
+        )
+        lines += [line, odometry_line(number)]
+    log, report = read(tmp_path, lines)
+    told = "RAWLASER1: its angles are no sweep in radians: taken to be in degrees"
+    assert report.warnings.count(told) == 1
+    np.testing.assert_allclose(log.bearings_rad[0], START_RAD + STEP_RAD * np.arange(N_BEAMS))

@@ -50,6 +50,7 @@ def turned_over(mounting: Mounting, name: str, joined: RawRecording) -> Mounting
     way = "the right way up" if mounting.is_upside_down else "upside down"
     joined.warnings.append(
         f"{name}: its scans turn left where the odometry turns right; its beams are taken to run the other way, as "
-        f"where the laser hangs {way} and the recording does not say so"
+        f"where the laser hangs {way} and the recording does not say so; if it does not, the odometry turns the wrong "
+        "way, and the map is wrong or a mirror image"
     )
     return replace(mounting, is_upside_down=not mounting.is_upside_down)

@@ -213,7 +213,7 @@ def _expected(
     """
     n_scans, n_bytes = 0, 0
     for connection in reader.connections:
-        if connection.msgtype not in LASER_TYPES:
+        if connection.msgtype not in LASER_TYPES or not connection.msgcount:
             continue
         try:
             rows = np.flatnonzero(block.channels == numbers[id(connection)])

@@ -28,7 +28,7 @@ from dynmap_cli.ingest.containers.db3_tables import (
     WorkBound,
     odd_indexes,
     odd_tables,
-    too_many_topics,
+    odd_topics,
 )
 
 _WITH_PROFILES, _WITH_DEFINITIONS = 2, 4
@@ -65,8 +65,8 @@ class Db3Reader(Sqlite3Reader):
         _refuse(odd_tables(database).values())
         ((n_tables,),) = database.execute(_TABLES)
         if n_tables != 2:
-            _refuse([f"Cannot open database {self.path} or database missing tables."])
-        _refuse(too_many_topics(database))
+            _refuse(["its tables messages or topics are missing"])
+        _refuse(odd_topics(database))
         self.schema = _version_of(database)
         definitions: dict[str, tuple[str, str]] = {}
         for kind, *written in database.execute(_DEFINITIONS) if self.schema >= _WITH_DEFINITIONS else ():

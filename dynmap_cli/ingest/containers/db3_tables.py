@@ -22,6 +22,7 @@ _STEPS_AT_LEAST, _STEPS_PER_BYTE = 1 << 23, 2
 """Steps of SQLite's machine; a row takes about ten of them, and not less than 20 bytes."""
 STEPS_AT_ONCE = 1 << 14
 _BY_INDEX = 'SELECT total(1) FROM messages INDEXED BY "{}"'
+_NUMBERS = "SELECT count(DISTINCT id) FROM topics NOT INDEXED WHERE typeof(id) = 'integer'"
 TOO_LONG = "its tables hold more rows than have room in the file"
 
 
@@ -83,11 +84,15 @@ def words_of_database(err: sqlite3.Error) -> str:
     return TOO_LONG if str(err) == "interrupted" else words_of(err)
 
 
-def too_many_topics(connection: Any) -> Iterator[str]:
-    """Say so where there are more than any robot has."""
+def odd_topics(connection: Any) -> Iterator[str]:
+    """Say so where there are more than any robot has, or not each has a number of its own."""
     n_topics = _count(connection, "SELECT total(1) FROM topics NOT INDEXED")
     if n_topics > MOST_TOPICS:
         yield f"it has {n_topics} topics (at most {MOST_TOPICS})"
+        return
+    n_numbers = _count(connection, _NUMBERS)
+    if n_numbers != n_topics:
+        yield f"its {n_topics} topics have {n_numbers} different numbers"
 
 
 def odd_indexes(connection: Any, n_rows: int) -> Iterator[str]:

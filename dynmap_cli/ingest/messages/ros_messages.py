@@ -119,10 +119,9 @@ def _take_scan(recording: RawRecording, message: Message) -> None:
 
 
 def note_degrees(recording: RawRecording, topic: str, first: float, step: float, n_beams: int) -> None:
-    """Say that the angles of a topic are in degrees, where they are."""
-    note = f"{topic}: its angles are in degrees"
-    if are_degrees(first, step, n_beams) and note not in recording.notes:
-        recording.notes.append(note)
+    """Say that the angles of a topic are taken to be in degrees, where they are."""
+    if are_degrees(first, step, n_beams):
+        recording.say_degrees(topic)
 
 
 def _ranges_of(scan: Any) -> F32:

@@ -183,6 +183,12 @@ class RawRecording:
         stamps = [laser.stamps_ns for laser in self.lasers.values()]
         return int(min(part.min() for part in stamps)), int(max(part.max() for part in stamps))
 
+    def say_degrees(self, name: str) -> None:
+        """Say once that the angles of a laser's sweeps were taken to be in degrees."""
+        told = f"{name}: its angles are no sweep in radians: taken to be in degrees"
+        if told not in self.warnings:
+            self.warnings.append(told)
+
     def drop_broken(self, what: str, count: int = 1) -> None:
         """Count messages or lines that are broken."""
         self.dropped[what] += count

@@ -145,6 +145,8 @@ class _Reader:
                     self._parse(name, [line])
             return
         self.recording.n_read += len(lines)
+        if any(line.in_degrees for line in lines):
+            self.recording.say_degrees(name)
         if poses.size:
             track = self.recording.odometry.get(name)
             if track is None:

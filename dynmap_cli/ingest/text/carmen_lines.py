@@ -50,6 +50,8 @@ class Line(NamedTuple):
         Ranges, where remissions follow them with the count of these and these.
     n_numbers : int
         How many numbers *text* should hold.
+    in_degrees : bool
+        Whether the angles that the line states were taken to be in degrees.
     """
 
     stamp: bytes
@@ -57,6 +59,7 @@ class Line(NamedTuple):
     shape: ScanShape | None = None
     text: bytes = b""
     n_numbers: int = 0
+    in_degrees: bool = False
 
 
 def take_apart(word: bytes, line: bytes) -> Line | None:
@@ -105,12 +108,15 @@ def _stating_laser(line: bytes, n_tail: int) -> Line:
         msg = "beam count"
         raise ValueError(msg)
     poses = tail[:_POSE_WORDS] if n_tail > TIME_WORDS else []
-    return Line(tail[-TIME_WORDS], poses, _stated_shape(*header[2:6], n_beams), text, n_numbers)
+    shape, in_degrees = _stated_shape(*header[2:6], n_beams)
+    return Line(tail[-TIME_WORDS], poses, shape, text, n_numbers, in_degrees)
 
 
 @lru_cache(maxsize=64)
-def _stated_shape(start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: int) -> ScanShape:
-    """Directions of readings as a line states them; ValueError where they are not those of a laser."""
+def _stated_shape(
+    start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: int
+) -> tuple[ScanShape, bool]:
+    """Directions of readings as a line states them, and whether in degrees; ValueError where no laser has them."""
     words = (start, fov, step, reach)
     try:
         values = tuple(map(float, words))
@@ -126,7 +132,8 @@ def _stated_shape(start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: 
     start_rad, fov_rad, step_rad, reach_m = values
     if step_rad == 0.0:
         step_rad = fov_rad / max(n_beams - 1, 1)
-    if are_degrees(start_rad, step_rad, n_beams):
+    in_degrees = are_degrees(start_rad, step_rad, n_beams)
+    if in_degrees:
         start_rad, step_rad = math.radians(start_rad), math.radians(step_rad)
     if not is_sweep(start_rad, step_rad, n_beams):
         msg = (
@@ -135,7 +142,8 @@ def _stated_shape(start: bytes, fov: bytes, step: bytes, reach: bytes, n_beams: 
         )
         raise ValueError(msg)
     is_stated = 0.0 < reach_m < _SICK_REACH_M
-    return ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
+    shape = ScanShape(start_rad, step_rad, n_beams, _SHORTEST_M, reach_m if is_stated else math.inf)
+    return shape, in_degrees
 
 
 def _odometry(line: bytes) -> Line:
