@@ -24,7 +24,8 @@ from dynmap_cli.kernels.map_fits import fit_scans, judge_fit, refine_local_map, 
 from dynmap_cli.scan_matching.sweeps import Sweeps
 
 _EVERY, _MEMBERS = 10, 8
-_MAX_POINTS, _HALF_CELLS = 20_000, 640
+_MAX_POINTS, _HALF_CELLS = 20_000, 768
+"""Maps of 77 m x 77 m, so that two whose anchors seem 12 m apart, shifted by 12 m, do not meet around the torus."""
 _SPACING_M = 0.03
 _N_PLACES, _PROMISING = 6, 0.8
 _POINTS_TO_TRY, _POINTS_TO_FIT = 250, 1000

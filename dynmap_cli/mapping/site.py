@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
-from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.counting.em import count_ended
 from dynmap_cli.domain.poses import compose, inverse
 from dynmap_cli.domain.scans import ScanLog
@@ -22,7 +21,7 @@ from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import make_local_maps
 from dynmap_cli.mapping.loops import Loop, LoopParams
 from dynmap_cli.mapping.placing import Places, joined_places, near_pairs, place_drive
-from dynmap_cli.mapping.registrar import Registrar
+from dynmap_cli.mapping.registrar import Registrar, matched_rays
 from dynmap_cli.scan_matching.sweeps import Sweeps, sweeps_of, times_of
 
 if TYPE_CHECKING:
@@ -54,11 +53,10 @@ class Site:
         self.drives: tuple[Registrar, ...] = ()
         if settings.poses != "recorded":
             self.drives = tuple(
-                Registrar(_drive_of(log, number), settings.usable_range_m, is_crowded=is_crowded)
-                for number in range(log.n_drives)
+                Registrar(_drive_of(log, number), is_crowded=is_crowded) for number in range(log.n_drives)
             )
         self.graph: Graph | None = None
-        self._rays: Rays = rays_of(log, settings.usable_range_m)
+        self._rays: Rays = matched_rays(log)
         self._front: Registered | None = None
         self._site_from_drive: F64 | None = None
 

@@ -54,6 +54,14 @@ class FrontEndParams:
     good_share: float = 0.75
     lost_share: float = 0.5
 
+    @property
+    def farthest_m(self) -> float:
+        """Range up to which returns are matched: beyond it a scan could meet itself around the torus of the local map.
+
+        Two points seen from key scans `reach_m` apart are at most 2 `farthest_m` + `reach_m` from one another.
+        """
+        return (SIZE * self.cell_m - self.reach_m) / 2
+
     def numbers(self, calibration: Calibration) -> F64:
         """The table that the kernel reads."""
         return np.array(

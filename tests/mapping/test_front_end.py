@@ -1,12 +1,15 @@
 """The front end: scans registered one after another."""
 
 import numpy as np
+import pytest
 
 from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.kernels.matching import SIZE
 from dynmap_cli.mapping.front_end import register
 from dynmap_cli.mapping.odometry import corrected_motion
+from dynmap_cli.mapping.registrar import Registrar, matched_rays
 from dynmap_cli.scan_matching.calibration import Calibration
 from dynmap_cli.scan_matching.matcher import FrontEndParams
 from dynmap_cli.scan_matching.sweeps import sweeps_of
@@ -38,3 +41,58 @@ def test_a_sweep_that_takes_time_is_straightened_by_the_motion_after_its_stamp()
     errors = between(between(poses[:1], poses), found.poses)
     assert np.hypot(errors[:, 0], errors[:, 1]).max() < 0.005
     assert np.degrees(np.abs(errors[:, 2])).max() < 0.2
+
+
+YARD_M = np.array([37.0, 38.0])
+"""Walls stand so far from the middle of an empty yard, along x and y."""
+
+
+def yard_log(n_steps, slips_at, slip_rad):
+    """A robot that drives a bend in the middle of the yard, and once counts a turn that it did not make."""
+    bearings = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+    poses, odometry = np.zeros((n_steps + 1, 3)), np.zeros((n_steps + 1, 3))
+    for k in range(n_steps):
+        step = np.array([0.1, 0.0, np.radians(1.0)])
+        poses[k + 1] = compose(poses[k], step)
+        step[2] += slip_rad if k + 1 == slips_at else 0.0
+        odometry[k + 1] = compose(odometry[k], step)
+    directions = poses[:, 2:3] + bearings
+    ends = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
+    to_walls = (YARD_M * np.sign(ends) - poses[:, None, :2]) / np.where(ends == 0.0, 1e-12, ends)
+    ranges = to_walls.min(axis=-1).astype(np.float32)
+    stamps_ns = (np.arange(n_steps + 1) * STEP_S * 1e9).astype(np.int64)
+    return single_laser_log(stamps_ns, ranges, bearings, odometry, range_limits_m=(0.05, 80.0)), poses
+
+
+def test_a_wheel_that_slips_in_the_open_is_not_believed_where_walls_stand_far():
+    """Nothing stands within the 30 m that are counted in the map by default."""
+    log, poses = yard_log(60, 45, np.radians(7.0))
+    sweeps = sweeps_of(log, None)
+    motion = corrected_motion(sweeps.odometry, sweeps.times_s, Calibration())
+    errors_deg = [
+        np.degrees(
+            np.abs(register(sweeps, rays, motion, Calibration(), FrontEndParams()).poses - poses)[-1, 2]
+        )
+        for rays in (rays_of(log, 30.0), matched_rays(log))
+    ]
+    assert errors_deg[0] > 5.0
+    assert errors_deg[1] < 0.2
+
+
+def test_returns_are_matched_as_far_as_a_scan_cannot_meet_itself_around_the_local_map():
+    log, _ = yard_log(2, 1, 0.0)
+    params = FrontEndParams()
+    assert Registrar(log).rays.usable_m.tolist() == [params.farthest_m]
+    assert 2 * params.farthest_m + params.reach_m <= SIZE * params.cell_m
+
+
+@pytest.mark.parametrize("limit_m", [8.0, 80.0])
+def test_no_return_beyond_the_range_of_the_laser_is_matched(limit_m):
+    log = single_laser_log(
+        np.array([0]),
+        np.ones((1, 3), np.float32),
+        np.zeros(3),
+        np.zeros((1, 3)),
+        range_limits_m=(0.05, limit_m),
+    )
+    assert matched_rays(log).usable_m[0] == min(limit_m, FrontEndParams().farthest_m)
