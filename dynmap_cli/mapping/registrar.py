@@ -53,9 +53,9 @@ class Registrar:
         Where the robot seems to have been carried, by the first matching.
     """
 
-    def __init__(self, log: ScanLog, *, is_crowded: bool = False) -> None:
+    def __init__(self, log: ScanLog, usable_range_m: float, *, is_crowded: bool = False) -> None:
         self.log = log
-        self.rays: Rays = matched_rays(log)
+        self.rays: Rays = rays_of(log, usable_range_m)
         # Who is left of a crowd errs together, and the odometry has to hold against them.
         self._params = FrontEndParams()
         if is_crowded:
@@ -193,14 +193,6 @@ class Registrar:
         """Match as if all beams of a sweep were made at its stamp."""
         still = np.zeros((sweeps.n_scans, 3))
         return self._register(sweeps, motion, calibration, twists=still)
-
-
-def matched_rays(log: ScanLog) -> Rays:
-    """Rays whose returns are matched as far as the local map holds them, whatever range is counted in the map.
-
-    In the open hardly anything stands near, and what stands far says most about the turn.
-    """
-    return rays_of(log, FrontEndParams().farthest_m)
 
 
 def _fixes_position(registered: Registered) -> B1:

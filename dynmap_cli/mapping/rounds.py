@@ -73,6 +73,8 @@ class FilterMap:
         first, 0 where all beams are made at once.
     drives : tuple of Registrar
         What registered each drive; empty where the recorded poses were taken as they are.
+    matched_range_m : float
+        Range up to which returns were matched.
     """
 
     trajectory: Trajectory
@@ -82,6 +84,7 @@ class FilterMap:
     graph: Graph | None
     beam_interval_s: F64
     drives: tuple[Registrar, ...]
+    matched_range_m: float
 
 
 def build_filter_map(
@@ -140,6 +143,7 @@ def build_filter_map(
                 site.graph,
                 np.array(site.log.beam_interval_s),
                 site.drives,
+                site.matched_range_m,
             )
         del filtered  # as large as the map of the next round
 

@@ -50,5 +50,5 @@ class MapSettings(BaseModel):
         30.0,
         gt=0.5,
         le=1000.0,
-        description="Beams are counted in the map up to this range; a beam without return is free up to it.",
+        description="Beams are used up to this range; a beam without return is free up to it.",
     )

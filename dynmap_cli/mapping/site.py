@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64, I64
+from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.counting.em import count_ended
 from dynmap_cli.domain.poses import compose, inverse
 from dynmap_cli.domain.scans import ScanLog
@@ -20,8 +21,9 @@ from dynmap_cli.mapping.back_end import Graph, Known, close_loops, refine_graph,
 from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import make_local_maps
 from dynmap_cli.mapping.loops import Loop, LoopParams
+from dynmap_cli.mapping.matched_range import matched_range_m
 from dynmap_cli.mapping.placing import Places, joined_places, near_pairs, place_drive
-from dynmap_cli.mapping.registrar import Registrar, matched_rays
+from dynmap_cli.mapping.registrar import Registrar
 from dynmap_cli.scan_matching.sweeps import Sweeps, sweeps_of, times_of
 
 if TYPE_CHECKING:
@@ -42,6 +44,8 @@ class Site:
     log : ScanLog
     drives : tuple of Registrar
         One of each drive; empty where the recorded poses are taken as they are.
+    matched_range_m : float
+        Range up to which returns are matched.
     graph : Graph or None
         Of the key scans of all drives.
     """
@@ -51,12 +55,14 @@ class Site:
     ) -> None:
         self.log, self._settings, self._folder = log, settings, folder
         self.drives: tuple[Registrar, ...] = ()
+        self.matched_range_m = matched_range_m(log, settings.usable_range_m)
         if settings.poses != "recorded":
             self.drives = tuple(
-                Registrar(_drive_of(log, number), is_crowded=is_crowded) for number in range(log.n_drives)
+                Registrar(_drive_of(log, number), self.matched_range_m, is_crowded=is_crowded)
+                for number in range(log.n_drives)
             )
         self.graph: Graph | None = None
-        self._rays: Rays = matched_rays(log)
+        self._rays: Rays = rays_of(log, self.matched_range_m)
         self._front: Registered | None = None
         self._site_from_drive: F64 | None = None
 

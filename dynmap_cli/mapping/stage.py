@@ -52,7 +52,7 @@ def run(context: StageContext) -> dict[str, Any]:
         write_map(out, f"round_{number}", result.rounds[number - 1].occupancy)
     if result.graph is not None:
         write_graph(out, log, result.graph)
-    return summarize(log, result)
+    return summarize(log, result, settings.usable_range_m)
 
 
 def _write_rounds(path: Path, rounds: tuple[Round, ...]) -> None:

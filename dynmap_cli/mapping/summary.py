@@ -36,7 +36,7 @@ def _path_length_m(log: ScanLog, poses: F64) -> float:
     return float(steps[np.diff(log.drive_index[order]) == 0].sum())
 
 
-def summarize(log: ScanLog, result: FilterMap) -> dict[str, Any]:
+def summarize(log: ScanLog, result: FilterMap, usable_range_m: float) -> dict[str, Any]:
     """What was found, as numbers and as sentences."""
     filtered = result.filtered
     frame = filtered.counting_map.frame
@@ -60,6 +60,11 @@ def summarize(log: ScanLog, result: FilterMap) -> dict[str, Any]:
     if filtered.unknown_share > 0.0:
         lines.append(
             f"{100 * filtered.unknown_share:.2f} % hit small things that were seen too little to tell"
+        )
+    if result.matched_range_m > usable_range_m:
+        lines.append(
+            f"returns were matched up to {result.matched_range_m:.0f} m, as many scans see hardly anything within "
+            f"{usable_range_m:g} m"
         )
     if result.graph is not None:
         found, said = _registration_summary(log, result, result.graph)

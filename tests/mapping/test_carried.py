@@ -11,7 +11,7 @@ from tests.mapping.test_site import FIRST, WALLS
 
 
 def registered(log):
-    registrar = Registrar(log)
+    registrar = Registrar(log, 25.0)
     registrar.register(sweeps_of(log, None), "")
     return registrar
 

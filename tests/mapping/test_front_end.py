@@ -1,15 +1,16 @@
 """The front end: scans registered one after another."""
 
+from dataclasses import replace
+
 import numpy as np
-import pytest
 
 from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.kernels.matching import SIZE
 from dynmap_cli.mapping.front_end import register
+from dynmap_cli.mapping.matched_range import matched_range_m
 from dynmap_cli.mapping.odometry import corrected_motion
-from dynmap_cli.mapping.registrar import Registrar, matched_rays
 from dynmap_cli.scan_matching.calibration import Calibration
 from dynmap_cli.scan_matching.matcher import FrontEndParams
 from dynmap_cli.scan_matching.sweeps import sweeps_of
@@ -73,26 +74,20 @@ def test_a_wheel_that_slips_in_the_open_is_not_believed_where_walls_stand_far():
         np.degrees(
             np.abs(register(sweeps, rays, motion, Calibration(), FrontEndParams()).poses - poses)[-1, 2]
         )
-        for rays in (rays_of(log, 30.0), matched_rays(log))
+        for rays in (rays_of(log, 30.0), rays_of(log, matched_range_m(log, 30.0)))
     ]
     assert errors_deg[0] > 5.0
     assert errors_deg[1] < 0.2
 
 
-def test_returns_are_matched_as_far_as_a_scan_cannot_meet_itself_around_the_local_map():
-    log, _ = yard_log(2, 1, 0.0)
+def test_returns_are_matched_farther_only_where_many_scans_see_nothing_near():
+    """And never so far that a scan could meet itself around the torus of the local map."""
+    log, _ = yard_log(200, 1, 0.0)
     params = FrontEndParams()
-    assert Registrar(log).rays.usable_m.tolist() == [params.farthest_m]
+    assert matched_range_m(log, 30.0) == params.farthest_m
     assert 2 * params.farthest_m + params.reach_m <= SIZE * params.cell_m
-
-
-@pytest.mark.parametrize("limit_m", [8.0, 80.0])
-def test_no_return_beyond_the_range_of_the_laser_is_matched(limit_m):
-    log = single_laser_log(
-        np.array([0]),
-        np.ones((1, 3), np.float32),
-        np.zeros(3),
-        np.zeros((1, 3)),
-        range_limits_m=(0.05, limit_m),
-    )
-    assert matched_rays(log).usable_m[0] == min(limit_m, FrontEndParams().farthest_m)
+    ranges_m = np.array(log.ranges_m)
+    ranges_m[2:, :100] = 5.0  # two scans in two hundred may see less
+    assert matched_range_m(replace(log, ranges_m=ranges_m), 30.0) == 30.0
+    assert matched_range_m(replace(log, ranges_m=np.full_like(ranges_m, np.inf)), 30.0) == 30.0
+    assert matched_range_m(log, 50.0) == 50.0

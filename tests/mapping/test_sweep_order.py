@@ -36,7 +36,7 @@ def turning(said_s, sign, *, has_odometry, lag=0):
 @pytest.mark.parametrize(("sign", "name"), [(1, "first to last"), (-1, "last to first")])
 def test_the_order_is_found_though_the_odometry_lags(sign, name, has_odometry):
     log = turning(STEP_S, sign, has_odometry=has_odometry, lag=1)
-    registrar = Registrar(log)
+    registrar = Registrar(log, 25.0)
     registrar.register(sweeps_of(log, None), "")
     assert registrar.calibration.sweep == name
     assert not registrar.calibration.is_revolution
@@ -45,7 +45,7 @@ def test_the_order_is_found_though_the_odometry_lags(sign, name, has_odometry):
 @pytest.mark.parametrize("said_s", [0.0, 1e-3 * STEP_S])
 def test_a_laser_that_looks_all_round_is_not_believed_to_do_so_in_no_time(said_s):
     log = turning(said_s, -1, has_odometry=False)
-    registrar = Registrar(log)
+    registrar = Registrar(log, 25.0)
     registrar.register(sweeps_of(log, None), "")
     assert registrar.calibration.sweep == "last to first"
     assert registrar.calibration.is_revolution
