@@ -126,8 +126,8 @@ def refuse_two_lasers(columns: Columns, name: str) -> None:
     if share > _LEAST_ALTERNATING:
         msg = (
             f"{name}: after {share:.0%} of the scans the next one shows another place and one of the two after it this "
-            "one again, as where two robots or lasers publish on one topic under one frame. Record each on a topic of "
-            "its own, or pass another --scan-topic."
+            "one again, as where two robots or lasers publish on one topic under one frame, or the clock was set back "
+            "while recording. Record each on a topic of its own and with a steady clock, or pass another --scan-topic."
         )
         raise LogError(msg)
 
