@@ -11,6 +11,7 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import matrices, planar, unit
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.turns import ScanTurns, agreement, turns_of
+from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, sorted_by_stamp
 
 _JUMP_M, _BACK_SHARE = 1.0, 0.3
@@ -32,10 +33,11 @@ def part_tracks(recording: RawRecording) -> None:
         if not found.is_static
     ]
     for name, source in sources:
-        poses = _poses_of(source)
-        apart_m = _apart_m(poses)
+        apart_m = _apart_m((source.poses if isinstance(source, RawOdometry) else source.values)[:, :2])
+        source.give_back()
         if apart_m is None or not recording.lasers:
             continue
+        poses = _poses_of(source)
         if turns is None:
             turns = turns_of(max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name)))
         is_first = _first_track(poses)
@@ -62,18 +64,21 @@ def _poses_of(source: RawOdometry | RawTransform) -> F64:
     return planar(matrices(source.values[:, :3], unit(source.values[:, 3:])))
 
 
-def _apart_m(poses: F64) -> float | None:
-    """How far tracks are apart between which poses (n, 3) jump again and again; None where they do not."""
-    steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    jumps = np.flatnonzero(steps_m[: max(steps_m.size - _LOOK_AHEAD, 0)] > _JUMP_M)
-    if jumps.size < max(_LEAST_JUMPS, steps_m.size // _MOST_STEPS_PER_JUMP):
+def _apart_m(places: F64) -> float | None:
+    """How far tracks are apart between which places (n, 2) jump again and again; None where they do not."""
+    n_steps = max(places.shape[0] - 1, 0)
+    found = [
+        rows.start
+        + np.flatnonzero(np.hypot(*np.diff(places[rows.start : rows.stop + 1], axis=0).T) > _JUMP_M)
+        for rows in spans(n_steps, places)
+    ]
+    jumps = np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+    jumps = jumps[jumps < n_steps - _LOOK_AHEAD]
+    if jumps.size < max(_LEAST_JUMPS, n_steps // _MOST_STEPS_PER_JUMP):
         return None
-    back_m = np.min(
-        [np.hypot(*(poses[jumps + ahead, :2] - poses[jumps, :2]).T) for ahead in range(2, _LOOK_AHEAD + 1)],
-        axis=0,
-    )
-    is_back = back_m < _BACK_SHARE * steps_m[jumps]
-    return float(np.median(steps_m[jumps])) if np.mean(is_back) > 0.5 else None
+    away_m = [np.hypot(*(places[jumps + ahead] - places[jumps]).T) for ahead in range(1, _LOOK_AHEAD + 1)]
+    is_back = np.min(away_m[1:], axis=0) < _BACK_SHARE * away_m[0]
+    return float(np.median(away_m[0])) if np.mean(is_back) > 0.5 else None
 
 
 def _first_track(poses: F64) -> B1:
