@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -58,8 +58,24 @@ def end_points(log, row):
     return (log.odometry[row, :2, None] + turned).T
 
 
+A_LITTLE_RAD = 5.96e-8
+"""By which a robot may turn that hardly moves."""
+
+
 @settings(max_examples=100)
 @given(drives())
+@example(
+    (
+        [(0.0, 0.0, 0.0, 0.0, 0.0)],
+        [False],
+        START_NS + np.array([0, 1]),
+        np.array([[0.0, 0.0, 0.0], [0.0, 0.0, A_LITTLE_RAD]]),
+        [0],
+        0.0,
+        -0.25,
+        [1.0] * 8,
+    )
+)
 def test_scans_lie_where_a_direct_computation_puts_them(drive):
     static, flips, move_ns, moves, at, first, increment, ranges = drive
     frames = ["base_link", *(f"link_{number}" for number in range(len(static) - 1)), "laser"]

@@ -15,7 +15,8 @@ from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.recording import RawTransform, sorted_by_stamp
 
-_SAME_M, _SAME_QUATERNION = 1e-4, 1e-4
+_SAME = 1e-10
+"""Metres, and parts of a quaternion, by which a transform that is repeated may differ."""
 _STILL_M, _STILL_RAD = 0.02, np.radians(2.0)
 _LEVEL_COS = np.cos(np.radians(10.0))
 _SAMPLES = 64
@@ -64,14 +65,19 @@ def make_edge(raw: RawTransform) -> Edge:
     moved, turned = values[:, :3], values[:, 3:]
     first = unit(turned[:1])[0]
     is_same = all(
-        (np.abs(moved[rows] - moved[0]) < _SAME_M).all()
-        and (np.abs(unit(turned[rows]) @ first) > 1.0 - _SAME_QUATERNION**2).all()
+        (np.abs(moved[rows] - moved[0]) < _SAME).all() and _are_same(unit(turned[rows]), first)
         for rows in spans(values.shape[0], values)
     )
     raw.give_back()
     if raw.is_static or is_same:
         return Edge(np.zeros(0, dtype=np.int64), moved[-1:].copy(), unit(turned[-1:]))
     return Edge(stamps_ns, moved, turned)
+
+
+def _are_same(quaternions: F64, other: F64) -> bool:
+    """Whether quaternions (n, 4) all stand for one rotation; q and -q do."""
+    off = np.minimum(np.abs(quaternions - other).max(axis=1), np.abs(quaternions + other).max(axis=1))
+    return bool((off < _SAME).all())
 
 
 def unit(quaternions: F64) -> F64:
