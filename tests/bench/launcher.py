@@ -10,7 +10,7 @@ import sys
 
 log, *command = sys.argv[1:]
 stdout = (os.POSIX_SPAWN_OPEN, 1, log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-process = os.posix_spawn(command[0], command, os.environ, file_actions=[stdout, (os.POSIX_SPAWN_DUP2, 1, 2)])
+process = os.posix_spawnp(command[0], command, os.environ, file_actions=[stdout, (os.POSIX_SPAWN_DUP2, 1, 2)])
 _, status, usage = os.wait4(process, 0)
 peak_bytes = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 print(json.dumps([os.waitstatus_to_exitcode(status), usage.ru_utime + usage.ru_stime, peak_bytes]))
