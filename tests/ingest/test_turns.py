@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynmap_cli.ingest.choices.turns import _best_shifts
+from dynmap_cli.ingest.choices.odometry import _turns_otherwise
+from dynmap_cli.ingest.choices.turns import ScanTurns, _best_shifts
 
 CAP_M, OVERLAP = 0.5, 0.3
 
@@ -32,3 +33,14 @@ def test_shifts_are_those_of_the_plain_search_also_where_beams_are_missing():
         np.testing.assert_array_equal(found, shifts)
         assert is_told.all()
         assert [plain_shift(*pair, 30) for pair in zip(before, after, strict=True)] == shifts.tolist()
+
+
+def test_odometry_is_believed_where_the_sweeps_hardly_seem_to_turn():
+    """In a round hall they look alike from every side; where they do turn, odometry that does otherwise is not used."""
+    stamps_ns = np.arange(121) * 500_000_000
+    poses = np.column_stack([np.zeros(121), np.zeros(121), np.radians(10.0) * np.arange(121)])
+    for seen_deg, is_told in ((2.0, False), (-25.0, True)):
+        turns = ScanTurns(stamps_ns[:-1], stamps_ns[1:], np.full(120, np.radians(seen_deg)))
+        if is_told:
+            poses[:, 2] = np.radians(10.0) * np.random.default_rng(1).permutation(121)
+        assert bool(_turns_otherwise(turns, stamps_ns, poses)) == is_told

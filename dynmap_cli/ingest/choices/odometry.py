@@ -41,6 +41,8 @@ _MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _MOST_JUMPING = 0.1
 _NONE_WORDS = "none"
 _MANY_TURNS, _NO_BETTER = 25, 0.8
+_CLEAR_TURN_RAD = np.radians(6.0)
+"""In the median of the pairs in which either turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,11 +194,16 @@ def _always_jumps(stamps_ns: I64, poses: F64) -> str:
 
 
 def _turns_otherwise(turns: ScanTurns, stamps_ns: I64, poses: F64) -> str:
-    """Says so where the headings of an odometry have nothing to do with how the laser turned, either way up."""
+    """Says so where the headings of an odometry have nothing to do with how the laser turned, either way up.
+
+    Where the sweeps hardly seem to turn they say nothing: in a round hall they look alike from every side.
+    """
     if not turns.turns_rad.any():
         return ""
     found = agreement_at(turns, stamps_ns, poses)
-    if found.n_pairs < _MANY_TURNS or min(found.same_rad, found.opposite_rad) < _NO_BETTER * found.still_rad:
+    if found.n_pairs < _MANY_TURNS or found.still_rad < _CLEAR_TURN_RAD:
+        return ""
+    if min(found.same_rad, found.opposite_rad) < _NO_BETTER * found.still_rad:
         return ""
     return (
         f"its heading does not turn as the scans do: in the {found.n_pairs} half seconds with turns they differ by "
