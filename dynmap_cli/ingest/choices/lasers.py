@@ -92,9 +92,7 @@ def _view(laser: RawLaser, tree: FrameTree, base: str) -> LaserView:
     else:
         mounting = find_mounting(tree, base, laser.frame, laser.stamps_ns)
     shape = laser.usual_shape
-    picked = np.linspace(0, laser.n_scans - 1, min(_SAMPLED_SWEEPS, laser.n_scans)).astype(np.int64)
-    values = np.full((picked.size, int(laser.lengths_counted[0][-1])), np.nan, dtype=np.float32)
-    laser.fill(values, picked)
+    values = laser.sample(_SAMPLED_SWEEPS)
     values = values[np.isfinite(values) & (values > 0.0) & (values < np.float32(shape.range_max_m))]
     delays_ns = laser.logged_ns - laser.stamps_ns
     laser.give_back()

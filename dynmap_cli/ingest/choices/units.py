@@ -52,9 +52,7 @@ def mend_units(recording: RawRecording) -> None:
 
 def _returns_of(laser: RawLaser) -> F64:
     """Readings (n,) of some sweeps that are returns, without the largest, which are often codes."""
-    picked = np.linspace(0, laser.n_scans - 1, min(_SAMPLED_SWEEPS, laser.n_scans)).astype(np.int64)
-    values = np.full((picked.size, int(laser.n_beams.max())), np.nan, dtype=np.float32)
-    laser.fill(values, picked)
+    values = laser.sample(_SAMPLED_SWEEPS)
     found = values[np.isfinite(values) & (values > 0.0)].astype(np.float64)
     return np.asarray(found[found < _CODES * found.max(initial=0.0)])
 

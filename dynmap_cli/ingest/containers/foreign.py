@@ -4,34 +4,27 @@ from __future__ import annotations
 
 import re
 
+_CONVERT = "Convert it to a ROS bag or to CARMEN text"
+_TAKE_SOURCE = "Pass the recording that it was made from"
+_WEAN_MAP = ("a map as CMU's wean.dat, not a log", "Pass it with `dynmap localize --map`")
 _STARTS = (
     (
-        b"\xd4\xc3\xb2\xa1",
+        (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
         "a capture of network packets",
         "Record the laser scans or points that the driver publishes",
     ),
+    ((b"\xed\xa1\xda\x01",), "an LCM log", _CONVERT),
+    ((b"\x89HDF",), "an HDF5 file", _CONVERT),
+    ((b"MATLAB",), "a MATLAB file", _CONVERT),
     (
-        b"\xa1\xb2\xc3\xd4",
-        "a capture of network packets",
-        "Record the laser scans or points that the driver publishes",
+        (b"\x89PNG", b"P5", b"P2"),
+        "an image",
+        "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`",
     ),
-    (
-        b"\x0a\x0d\x0d\x0a",
-        "a capture of network packets",
-        "Record the laser scans or points that the driver publishes",
-    ),
-    (b"\xed\xa1\xda\x01", "an LCM log", "Convert it to a ROS bag or to CARMEN text"),
-    (b"\x89HDF", "an HDF5 file", "Convert it to a ROS bag or to CARMEN text"),
-    (b"MATLAB", "a MATLAB file", "Convert it to a ROS bag or to CARMEN text"),
-    (b"\x89PNG", "an image", "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`"),
-    (b"P5", "an image", "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`"),
-    (b"P2", "an image", "Pass the recording; a map goes to `dynmap localize --map MAP.yaml`"),
-    (b"LASF", "a point cloud without times", "Pass the recording that it was made from"),
-    (b"# .PCD", "a point cloud without times", "Pass the recording that it was made from"),
-    (b"ply\n", "a point cloud without times", "Pass the recording that it was made from"),
-    (b"rosbag2_bagfile_information", "the metadata of a ROS 2 bag", "Pass the folder that it lies in"),
-    (b"## Player", "a log of Player", "Convert it to a ROS bag or to CARMEN text"),
-    (b"robot_specifications", "a map as CMU's wean.dat, not a log", "Pass it with `dynmap localize --map`"),
+    ((b"LASF", b"# .PCD", b"ply\n"), "a point cloud without times", _TAKE_SOURCE),
+    ((b"rosbag2_bagfile_information",), "the metadata of a ROS 2 bag", "Pass the folder that it lies in"),
+    ((b"## Player",), "a log of Player", _CONVERT),
+    ((b"robot_specifications",), *_WEAN_MAP),
 )
 _INSIDE = (
     (
@@ -39,9 +32,9 @@ _INSIDE = (
         "an MRPT rawlog",
         "Convert it to a ROS bag (mrpt_rawlog) or to CARMEN text",
     ),
-    (rb"^global_map\[0\]", "a map as CMU's wean.dat, not a log", "Pass it with `dynmap localize --map`"),
+    (rb"^global_map\[0\]", *_WEAN_MAP),
     (rb"^image:[^\n]*(?s:.*)^resolution:", "the YAML of a map", "Pass it with `dynmap localize --map`"),
-    (rb"^(VERTEX|EDGE)[_0-9A-Z]* ", "a pose graph without scans", "Pass the recording that it was made from"),
+    (rb"^(VERTEX|EDGE)[_0-9A-Z]* ", "a pose graph without scans", _TAKE_SOURCE),
     (
         rb"\A([^\n]*[A-Za-z][^\n]*\n)?[-+0-9.eE, ;\t]*[,;][-+0-9.eE,; \t]*\r?$",
         "a table of numbers",
@@ -52,8 +45,8 @@ _INSIDE = (
 
 def foreign(head: bytes) -> str:
     """What a file is and what to do, in two sentences, from its first bytes; "" where that is not known."""
-    for start, what, then in _STARTS:
-        if head.startswith(start):
+    for starts, what, then in _STARTS:
+        if head.startswith(starts):
             return f"{what}. {then}."
     for pattern, what, then in _INSIDE:
         if re.search(pattern, head, re.MULTILINE):

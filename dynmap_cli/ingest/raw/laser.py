@@ -139,6 +139,13 @@ class RawLaser(Stamped):
         lengths = self._lengths[self.shape_index[numbers]]
         self._ranges.fill(into, self._places.rows[numbers], lengths)
 
+    def sample(self, most: int) -> F32:
+        """Ranges (n, widest) of so many sweeps at most, evenly spread; missing beams are NaN."""
+        picked = np.linspace(0, self.n_scans - 1, min(most, self.n_scans)).astype(np.int64)
+        values = np.full((picked.size, int(self.lengths_counted[0][-1])), np.nan, dtype=np.float32)
+        self.fill(values, picked)
+        return values
+
     def scale_ranges(self, metres: float) -> None:
         """Bring ranges to metres that are in a unit of so many, and limits that are too large for metres."""
         self._ranges = self._ranges.scaled(metres)
