@@ -1,13 +1,15 @@
-"""Opening of a .db3 file: what rosbags finds out, with one pass over its messages instead of two.
+"""Opening of a .db3 file: what rosbags finds out, without its two passes over all messages.
 
 rosbags joins topics and messages to count them, for which SQLite builds and sorts an index first, then goes through
 the times of all messages for a span that nobody asks for. It runs whatever is in the file; here the tables are looked
-at first, and the rows that are counted are those of the table, which no index can hide.
+at first, and messages are counted in the table, where no index can hide them, or while they are read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,7 @@ _TABLES = "SELECT count(*) FROM sqlite_master WHERE type='table' AND name IN ('m
 _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions ORDER BY id"
 _TOPICS = "SELECT id, name, type, serialization_format, {}, {} FROM topics ORDER BY id"
 _COUNTS = "SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id"
+_NUMBERS = "SELECT (SELECT min(rowid) FROM messages), (SELECT max(rowid) FROM messages)"
 _FORMATS = {
     "": MessageDefinitionFormat.NONE,
     "ros2msg": MessageDefinitionFormat.MSG,
@@ -45,23 +48,88 @@ _FORMATS = {
 
 
 class Db3Reader(Sqlite3Reader):
-    """Gives the messages as its base does."""
+    """Gives the messages as its base does.
 
-    def _open(self) -> None:
-        """Fill in the topics with the numbers of their messages, if nothing is wrong; no span of time is looked for."""
+    Parameters
+    ----------
+    path : Path
+    is_counted : bool
+        Whether messages are counted at once; otherwise the topics have none until somebody has counted them.
+    """
+
+    def __init__(self, path: Path, *, is_counted: bool = True) -> None:
+        super().__init__(path)
+        self._is_counted = is_counted
+        self._counts: Mapping[Any, int] | None = None
+
+    @contextmanager
+    def bounded(self) -> Iterator[Any]:
+        """Give the database for queries, which may take no longer than a file of its size takes.
+
+        Raises
+        ------
+        ReaderError
+            If they would take longer.
+        """
         database: Any = self.dbconn
         bound = WorkBound(Path(str(self.path)))
         database.set_progress_handler(bound, STEPS_AT_ONCE)
         try:
-            self._fill_in(database)
+            yield database
         except Exception as err:
             if bound.is_over:
                 raise ReaderError(TOO_LONG) from err
             raise
-        database.set_progress_handler(None)
+        finally:
+            database.set_progress_handler(None)
+
+    def count(self) -> None:
+        """Count the messages of each topic, unless that was done.
+
+        Raises
+        ------
+        ReaderError
+            If an index leaves out some of them.
+        """
+        if self._counts is None:
+            with self.bounded() as database:
+                counts = dict(database.execute(_COUNTS))
+                _refuse(odd_indexes(database, sum(counts.values())))
+            self._note(counts)
+
+    def take_counts(self, counts: Mapping[Any, int]) -> None:
+        """Take over how many messages of each topic were read.
+
+        Raises
+        ------
+        ReaderError
+            If there are others, which an index left out.
+        """
+        if self._counts is not None:
+            return
+        n_rows = sum(counts.values())
+        with self.bounded() as database:
+            ((first, last),) = database.execute(_NUMBERS)
+        # Numbers without a gap say how many rows the table has without going through it.
+        if n_rows and last - first + 1 == n_rows:
+            self._note(counts)
+        else:
+            self.count()
+
+    def _note(self, counts: Mapping[Any, int]) -> None:
+        self._counts = counts
+        self.connections = [one._replace(msgcount=counts.get(one.id, 0)) for one in self.connections]
+        self.metadata = self.metadata._replace(message_count=sum(counts.values()))
+
+    def _open(self) -> None:
+        """Fill in the topics, with the numbers of their messages if these are wanted, if nothing is wrong."""
+        with self.bounded() as database:
+            self._fill_in(database)
+        if self._is_counted:
+            self.count()
 
     def _fill_in(self, database: Any) -> None:
-        """Look at the tables before anything of them is read, and at the indexes when the messages are counted."""
+        """Look at the tables before anything of them is read."""
         _refuse(odd_tables(database).values())
         ((n_tables,),) = database.execute(_TABLES)
         if n_tables != 2:
@@ -71,8 +139,6 @@ class Db3Reader(Sqlite3Reader):
         definitions: dict[str, tuple[str, str]] = {}
         for kind, *written in database.execute(_DEFINITIONS) if self.schema >= _WITH_DEFINITIONS else ():
             definitions.setdefault(kind, (written[0], written[1]))
-        counts: dict[Any, int] = dict(database.execute(_COUNTS))
-        _refuse(odd_indexes(database, sum(counts.values())))
         profiles = "offered_qos_profiles" if self.schema >= _WITH_PROFILES else "''"
         digest = "type_description_hash" if self.schema >= _WITH_DEFINITIONS else "''"
         self.connections = [
@@ -82,7 +148,7 @@ class Db3Reader(Sqlite3Reader):
                 kind,
                 _definition(*definitions.get(kind, ("", ""))),
                 hashed,
-                counts.get(number, 0),
+                0,
                 ConnectionExtRosbag2(encoding, metadata.parse_qos(offered)),
                 self,
             )
@@ -90,7 +156,6 @@ class Db3Reader(Sqlite3Reader):
                 _TOPICS.format(profiles, digest)
             )
         ]
-        self.metadata = self.metadata._replace(message_count=sum(counts.values()))
 
 
 def _refuse(faults: Iterable[str]) -> None:
@@ -106,13 +171,16 @@ def _refuse(faults: Iterable[str]) -> None:
 
 
 def use_db3_reader(reader: Any) -> None:
-    """Let a reader that is not open yet, if it is one of a ROS 2 bag, read .db3 files with `Db3Reader`."""
+    """Let a reader that is not open yet, if it is one of a ROS 2 bag, read .db3 files with `Db3Reader`.
+
+    The metadata.yaml of a folder says how many messages there are, so they are counted when they are read.
+    """
     storage = getattr(reader, "storage", None)
     if isinstance(storage, Sqlite3Reader):
-        reader.storage = Db3Reader(storage.path)
+        reader.storage = Db3Reader(Path(str(storage.path)))
     elif isinstance(storage, DirectoryReader):
-        plugins = {**storage.STORAGE_PLUGINS, "sqlite3": Db3Reader}
-        storage.STORAGE_PLUGINS = plugins
+        own: Any = functools.partial(Db3Reader, is_counted=False)
+        storage.STORAGE_PLUGINS = {**storage.STORAGE_PLUGINS, "sqlite3": own}
 
 
 def _definition(encoding: str, text: str) -> MessageDefinition:
