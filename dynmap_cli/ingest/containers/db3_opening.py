@@ -53,13 +53,14 @@ class Db3Reader(Sqlite3Reader):
     Parameters
     ----------
     path : Path
-    is_counted : bool
-        Whether messages are counted at once; otherwise the topics have none until somebody has counted them.
+    is_part : bool
+        Of a folder whose metadata.yaml says how many messages there are, and with what profiles they were offered.
+        Then its topics have no profiles, and no messages until somebody has counted them.
     """
 
-    def __init__(self, path: Path, *, is_counted: bool = True) -> None:
+    def __init__(self, path: Path, *, is_part: bool = False) -> None:
         super().__init__(path)
-        self._is_counted = is_counted
+        self._is_part = is_part
         self._counts: Mapping[Any, int] | None = None
 
     @contextmanager
@@ -122,10 +123,10 @@ class Db3Reader(Sqlite3Reader):
         self.metadata = self.metadata._replace(message_count=sum(counts.values()))
 
     def _open(self) -> None:
-        """Fill in the topics, with the numbers of their messages if these are wanted, if nothing is wrong."""
+        """Fill in the topics if nothing is wrong."""
         with self.bounded() as database:
             self._fill_in(database)
-        if self._is_counted:
+        if not self._is_part:
             self.count()
 
     def _fill_in(self, database: Any) -> None:
@@ -139,7 +140,8 @@ class Db3Reader(Sqlite3Reader):
         definitions: dict[str, tuple[str, str]] = {}
         for kind, *written in database.execute(_DEFINITIONS) if self.schema >= _WITH_DEFINITIONS else ():
             definitions.setdefault(kind, (written[0], written[1]))
-        profiles = "offered_qos_profiles" if self.schema >= _WITH_PROFILES else "''"
+        has_profiles = self.schema >= _WITH_PROFILES and not self._is_part
+        profiles = "offered_qos_profiles" if has_profiles else "''"
         digest = "type_description_hash" if self.schema >= _WITH_DEFINITIONS else "''"
         self.connections = [
             Connection(
@@ -171,15 +173,12 @@ def _refuse(faults: Iterable[str]) -> None:
 
 
 def use_db3_reader(reader: Any) -> None:
-    """Let a reader that is not open yet, if it is one of a ROS 2 bag, read .db3 files with `Db3Reader`.
-
-    The metadata.yaml of a folder says how many messages there are, so they are counted when they are read.
-    """
+    """Let a reader that is not open yet, if it is one of a ROS 2 bag, read .db3 files with `Db3Reader`."""
     storage = getattr(reader, "storage", None)
     if isinstance(storage, Sqlite3Reader):
         reader.storage = Db3Reader(Path(str(storage.path)))
     elif isinstance(storage, DirectoryReader):
-        own: Any = functools.partial(Db3Reader, is_counted=False)
+        own: Any = functools.partial(Db3Reader, is_part=True)
         storage.STORAGE_PLUGINS = {**storage.STORAGE_PLUGINS, "sqlite3": own}
 
 
