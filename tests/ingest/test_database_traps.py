@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.containers import db3_opening, db3_tables
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.corpus import FOLDERS, WORLD
@@ -90,13 +91,13 @@ def test_more_topics_than_any_robot_has_are_refused(tmp_path):
     assert "it has 20000 topics (at most 10000)" in refusal_of(path)
 
 
-@pytest.mark.parametrize(
-    ("placed", "said"),
-    [(as_it_is, "more rows than have room in the file"), (in_a_folder, "database disk image is malformed")],
-)
-def test_pages_that_are_used_over_and_over_do_not_hold_up(placed, said, tmp_path):
+@pytest.mark.parametrize("placed", [as_it_is, in_a_folder])
+@pytest.mark.parametrize("statement", ["", "DROP INDEX timestamp_idx"])
+def test_pages_that_are_used_over_and_over_do_not_hold_up(placed, statement, tmp_path):
     """A tree of pages of which each points many times to the next is small, and has more rows than anybody can read."""
-    path = altered(tmp_path, "CREATE TABLE filler(x)", "INSERT INTO filler VALUES (zeroblob(40000))")
+    path = altered(
+        tmp_path, "CREATE TABLE filler(x)", "INSERT INTO filler VALUES (zeroblob(40000))", statement
+    )
     with closing(sqlite3.connect(path)) as connection:
         ((root,),) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
         ((size,),) = connection.execute("PRAGMA page_size")
@@ -118,7 +119,16 @@ def test_pages_that_are_used_over_and_over_do_not_hold_up(placed, said, tmp_path
     data += leaf.ljust(size - 10, b"\x00") + cell.ljust(10, b"\x00")
     data[28:32] = struct.pack(">I", len(data) // size)
     path.write_bytes(data)
-    assert said in refusal_of(placed(path))
+    assert "database disk image is malformed" in refusal_of(placed(path))
+
+
+def test_a_file_takes_no_more_work_than_its_size_is_worth(tmp_path, monkeypatch):
+    path = altered(tmp_path, "DROP INDEX timestamp_idx")
+    monkeypatch.setattr(db3_tables, "_STEPS_AT_LEAST", 0)
+    monkeypatch.setattr(db3_tables, "_STEPS_PER_BYTE", 0)
+    monkeypatch.setattr(db3_opening, "STEPS_AT_ONCE", 100)
+    _, report = read_recordings([path], IngestSettings())
+    assert report.damage == ("its tables hold more rows than have room in the file",)
 
 
 @pytest.mark.parametrize("placed", [as_it_is, in_a_folder])

@@ -121,19 +121,21 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
         If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
     """
     with open_bag(path) as reader:
-        counts: Counter[tuple[str, str]] = Counter()
-        for connection in reader.connections:
-            counts[connection.topic, connection.msgtype] += connection.msgcount
-        topics = [
-            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
-        ]
-        recording = RawRecording(name, kind, topics, folder=space.folder)
+        recording = RawRecording(name, kind, folder=space.folder)
         found = _take_all(reader, recording, space)
         with _refusals():
             orphans = check_counts(reader)
         if orphans:
             recording.drop_broken(ORPHAN, orphans)
-        stated = sum(counts[one] for one in counts if one[1] in USED_TYPES)
+        # Those of the readers, for they may have been counted only while they were read.
+        readers: Any = reader.readers
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in (one for inner in readers for one in inner.connections):
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        recording.topics = [
+            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
+        ]
+        stated = sum(topic.count for topic in recording.topics if topic.kind in USED_TYPES)
         if found != stated:
             msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
             raise UnreadableBagError(msg)
