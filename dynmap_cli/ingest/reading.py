@@ -19,6 +19,7 @@ from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clock_offsets import align_clocks
 from dynmap_cli.ingest.choices.clock_sets import join_set_clocks
+from dynmap_cli.ingest.choices.clock_steps import mend_clock_steps
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
     drop_impossible,
@@ -209,6 +210,7 @@ def load_recordings(
         if settings.strict and recording.damage:
             raise damage_refused(recording)
         mend_units(recording)
+        mend_clock_steps(recording)
         join_set_clocks(recording)
         align_clocks(recording)
         part_tracks(recording)
