@@ -18,7 +18,7 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clock_offsets import align_clocks
-from dynmap_cli.ingest.choices.clock_sets import join_set_clocks
+from dynmap_cli.ingest.choices.clock_sets import is_interleaved, join_set_clocks, undo_set_back
 from dynmap_cli.ingest.choices.clock_steps import mend_clock_steps
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
@@ -235,6 +235,10 @@ def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecordin
         if source.damage:
             raise UnreadableBagError(source.damage)
         recording = read_bag(source.path, source.name, kind, space)
+        if is_interleaved(recording):
+            written = read_salvaged(source.path, source.name, kind, UnreadableBagError(""), space.folder)
+            if written.n_read == recording.n_read and not written.damage and undo_set_back(written):
+                recording = written
     except UnreadableBagError as err:
         recording = read_salvaged(source.path, source.name, kind, err, space.folder)
     clouds = wanted_clouds(recording, settings)

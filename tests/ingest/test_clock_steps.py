@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
+from dynmap_cli.ingest.reading import read_recordings
+from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
-from tests.ingest.written import PERIOD_NS, stamp
+from tests.ingest.written import PERIOD_NS, stamp, write_bag1, write_bag2
 
 SOURCES = {"laser": ("/scan",), "odometry": ("/odom", "/tf"), "all": ("/scan", "/odom", "/tf")}
 
@@ -109,3 +112,45 @@ def test_messages_that_were_lost_are_no_clock_that_was_set(tmp_path):
     log, report = read(tmp_path, Lossy())
     assert not clock_warnings(report)
     assert log.n_scans < 105
+
+
+def written_to(container, tmp_path, world):
+    if container == "bag":
+        return write_bag1(tmp_path / "a.bag", world)
+    plugin = StoragePlugin.MCAP if container == "mcap" else StoragePlugin.SQLITE3
+    return write_bag2(tmp_path / "a", world, plugin)
+
+
+@pytest.mark.parametrize("back_s", [0.5, 2.0, 7.0])
+@pytest.mark.parametrize("container", ["bag", "db3", "mcap"])
+def test_a_clock_of_everything_that_was_set_back_is_told_by_the_order_of_writing(container, back_s, tmp_path):
+    """All readers sort by the times of recording, which mixes what came before and after."""
+    world = Late()
+    back_ns = round(back_s * 1e9)
+    world.moved_ns = lambda topic, number: (-back_ns, -back_ns) if number >= 70 else (0, 0)
+    log, report = read_recordings([written_to(container, tmp_path, world)], IngestSettings())
+    (line,) = clock_warnings(report)
+    assert f"/scan jumps by {0.1 - back_s:+.3f} s" in line
+    np.testing.assert_array_equal(log.stamps_ns, world.stamps_ns)
+    np.testing.assert_allclose(log.odometry, world.poses, atol=1e-6)
+
+
+def test_a_recorder_whose_own_clock_was_set_back_moves_no_stamps(tmp_path):
+    world = Late()
+    world.moved_ns = lambda _topic, number: (0, -2 * 10**9 if number >= 70 else 0)
+    log, report = read(tmp_path, world)
+    assert not clock_warnings(report)
+    np.testing.assert_array_equal(log.stamps_ns, world.stamps_ns)
+    np.testing.assert_allclose(log.odometry, world.poses, atol=1e-6)
+
+
+def test_a_laser_that_goes_on_twice_as_often_is_not_taken_for_a_clock_that_was_set(tmp_path):
+    class Faster(Late):
+        def messages(self):
+            for number, message in enumerate(super().messages()):
+                if number > 150 or number // 3 % 2:
+                    yield message
+
+    log, report = read(tmp_path, Faster())
+    assert not clock_warnings(report)
+    assert log.n_scans > 80
