@@ -53,6 +53,7 @@ from dynmap_cli.ingest.choices.odometry import (
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.renamed import join_renamed
+from dynmap_cli.ingest.choices.restarts import join_restarts
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.turns import agreement_at
 from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
@@ -214,6 +215,7 @@ def load_recordings(
         join_set_clocks(recording)
         align_clocks(recording)
         part_tracks(recording)
+        join_restarts(recording)
         drop_impossible(recording)
     return recordings
 
