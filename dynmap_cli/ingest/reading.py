@@ -34,6 +34,7 @@ from dynmap_cli.ingest.choices.doubts import (
 )
 from dynmap_cli.ingest.choices.frames import FrameTree, Mounting, make_edge
 from dynmap_cli.ingest.choices.free_space import Sweeps
+from dynmap_cli.ingest.choices.headings import mend_heading
 from dynmap_cli.ingest.choices.lasers import LaserChoice, choose_lasers, view_lasers
 from dynmap_cli.ingest.choices.merging import (
     Columns,
@@ -139,6 +140,7 @@ def _merge_drive(
     odometry = find_odometry(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, turns[0], settings
     )
+    odometry = mend_heading(odometry, columns, turns[0], mountings[0], joined)
     for number, choice in enumerate(used):
         if agreement_at(turns[number], columns.stamps_ns, odometry.poses).is_mirrored:
             mountings[number] = turned_over(mountings[number], choice.view.laser.name, joined)
