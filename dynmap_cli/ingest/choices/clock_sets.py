@@ -72,7 +72,10 @@ def is_interleaved(recording: RawRecording) -> bool:
         return False
     ordered = laser.stamps_ns if ascends(laser.stamps_ns) else np.sort(laser.stamps_ns)
     apart_ns = ordered[2:] - ordered[:-2]
-    is_short = apart_ns < _TWICE_AS_OFTEN * np.quantile(apart_ns, _USUAL_QUANTILE)
+    usual = int(_USUAL_QUANTILE * apart_ns.size)
+    is_short = apart_ns < _TWICE_AS_OFTEN * float(np.partition(apart_ns, usual)[usual])
+    if np.count_nonzero(is_short) < _LEAST_MIXED:
+        return False
     n_short = np.concatenate([[0], np.cumsum(is_short)])
     return bool((n_short[_LEAST_MIXED:] - n_short[:-_LEAST_MIXED] == _LEAST_MIXED).any())
 

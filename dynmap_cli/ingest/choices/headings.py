@@ -24,6 +24,7 @@ from dynmap_cli.ingest.choices.frames import Mounting
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.odometry import Odometry
 from dynmap_cli.ingest.choices.turns import ScanTurns, agreement_at
+from dynmap_cli.ingest.raw.columns import counts_of
 from dynmap_cli.ingest.raw.laser import ScanShape
 from dynmap_cli.ingest.raw.recording import RawRecording
 
@@ -56,7 +57,12 @@ def mend_heading(
     recording : RawRecording
         Gets the warning.
     """
-    rows, others = _pairs(columns, odometry.poses)
+    counts = counts_of(columns.geometry_index, len(columns.geometries))
+    counts[[laser != 0 for laser, _ in columns.geometries]] = 0
+    usual = int(np.argmax(counts))
+    if columns.geometries[usual][1].n_beams < _LEAST_BEAMS:
+        return odometry
+    rows, others = _pairs(columns, usual, odometry.poses)
     if rows.size < _LEAST_PAIRS or _drives_along(odometry.poses[rows], odometry.poses[others]):
         return odometry
     few = np.unique(np.linspace(0, rows.size - 1, min(_MOST_PAIRS, rows.size)).astype(np.int64))
@@ -103,9 +109,9 @@ def _off_rad(moved: C128, first: F64, second: F64) -> F64:
     return np.asarray(np.angle(moved * np.conj(steps * np.exp(-1j * first[:, 2]))))
 
 
-def _pairs(columns: Columns, poses: F64) -> tuple[I64, I64]:
-    """Numbers (m,) of sweeps of the first geometry, and of later ones, a short and straight step apart."""
-    own = np.flatnonzero(columns.geometry_index == columns.geometry_index[0])
+def _pairs(columns: Columns, geometry: int, poses: F64) -> tuple[I64, I64]:
+    """Numbers (m,) of sweeps of one geometry, and of later ones, a short and straight step apart."""
+    own = np.flatnonzero(columns.geometry_index == geometry)
     if own.size <= _LEAST_PAIRS:
         return own[:0], own[:0]
     looks = np.linspace(0, own.size - 2, min(_MOST_LOOKED_AT, own.size - 1)).astype(np.int64)
@@ -131,7 +137,7 @@ def _drives_along(first: F64, second: F64) -> bool:
 
 def _is_ahead(steps: C128) -> bool:
     """Whether steps (m,) in the frame of the robot lie along its x axis, more of them forward than back."""
-    axis = np.sum(steps * steps / np.abs(steps)) / np.sum(np.abs(steps))
+    axis = np.sum(np.abs(steps) * np.exp(2j * np.angle(steps))) / np.sum(np.abs(steps))
     is_along = np.abs(axis) > _ALONG and abs(np.angle(axis)) / 2.0 < _ALONG_RAD
     return bool(is_along and steps.real.sum() > 0.0)
 
@@ -191,7 +197,8 @@ def range_flow(before: F64, after: F64, bearings_rad: F64) -> tuple[C128, F64, B
     """
     middle = (before + after) / 2.0
     rise = middle[:, 2:] - middle[:, :-2]
-    slope = rise / (bearings_rad[2:] - bearings_rad[:-2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = rise / (bearings_rad[2:] - bearings_rad[:-2])
     along = np.exp(1j * bearings_rad[1:-1])
     change, range_m = (after - before)[:, 1:-1], middle[:, 1:-1]
     factor = -along + slope / range_m * (1j * along)
