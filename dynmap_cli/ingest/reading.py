@@ -18,7 +18,8 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clock_offsets import align_clocks
-from dynmap_cli.ingest.choices.clock_sets import join_set_clocks
+from dynmap_cli.ingest.choices.clock_sets import is_interleaved, join_set_clocks, undo_set_back
+from dynmap_cli.ingest.choices.clock_steps import mend_clock_steps
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
     drop_impossible,
@@ -33,6 +34,7 @@ from dynmap_cli.ingest.choices.doubts import (
 )
 from dynmap_cli.ingest.choices.frames import FrameTree, Mounting, make_edge
 from dynmap_cli.ingest.choices.free_space import Sweeps
+from dynmap_cli.ingest.choices.headings import mend_heading
 from dynmap_cli.ingest.choices.lasers import LaserChoice, choose_lasers, view_lasers
 from dynmap_cli.ingest.choices.merging import (
     Columns,
@@ -52,6 +54,7 @@ from dynmap_cli.ingest.choices.odometry import (
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.renamed import join_renamed
+from dynmap_cli.ingest.choices.restarts import join_restarts
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.turns import agreement_at
 from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
@@ -137,6 +140,7 @@ def _merge_drive(
     odometry = find_odometry(
         joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, turns[0], settings
     )
+    odometry = mend_heading(odometry, columns, turns[0], mountings[0], joined)
     for number, choice in enumerate(used):
         if agreement_at(turns[number], columns.stamps_ns, odometry.poses).is_mirrored:
             mountings[number] = turned_over(mountings[number], choice.view.laser.name, joined)
@@ -209,9 +213,11 @@ def load_recordings(
         if settings.strict and recording.damage:
             raise damage_refused(recording)
         mend_units(recording)
+        mend_clock_steps(recording)
         join_set_clocks(recording)
         align_clocks(recording)
         part_tracks(recording)
+        join_restarts(recording)
         drop_impossible(recording)
     return recordings
 
@@ -233,6 +239,10 @@ def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecordin
         if source.damage:
             raise UnreadableBagError(source.damage)
         recording = read_bag(source.path, source.name, kind, space)
+        if is_interleaved(recording):
+            written = read_salvaged(source.path, source.name, kind, UnreadableBagError(""), space.folder)
+            if written.n_read == recording.n_read and not written.damage and undo_set_back(written):
+                recording = written
     except UnreadableBagError as err:
         recording = read_salvaged(source.path, source.name, kind, err, space.folder)
     clouds = wanted_clouds(recording, settings)

@@ -19,6 +19,7 @@ from dynmap_cli.ingest.choices.turns import Agreement, ScanTurns, agreement, tur
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, file_name
 
+Source = RawLaser | RawOdometry | RawTransform
 _LEAST_APART_S = 1.0
 _MOST_SPREAD_S, _SPREAD_QUANTILES = 1.0, (0.1, 0.9)
 _MOST_DELAYS = 1 << 17
@@ -35,7 +36,7 @@ def align_clocks(recording: RawRecording) -> None:
         return
     turns: ScanTurns | None = None
     moved: dict[str, float] = {}
-    for name, source in _sources_of(recording):
+    for name, source in stamped_sources(recording):
         own_s = _delay_s(source.stamps_ns, source.logged_ns)
         if source is laser or own_s is None or abs(own_s - delay_s) < _LEAST_APART_S:
             continue
@@ -55,7 +56,7 @@ def align_clocks(recording: RawRecording) -> None:
         )
 
 
-def _sources_of(recording: RawRecording) -> Iterator[tuple[str, RawLaser | RawOdometry | RawTransform]]:
+def stamped_sources(recording: RawRecording) -> Iterator[tuple[str, Source]]:
     """Yield all that has stamps that matter; poses in a map are stamped ahead by those who find them."""
     yield from recording.lasers.items()
     yield from recording.odometry.items()
@@ -65,16 +66,23 @@ def _sources_of(recording: RawRecording) -> Iterator[tuple[str, RawLaser | RawOd
 
 
 def _delay_s(stamps_ns: I64, logged_ns: I64) -> float | None:
-    """Median time from stamp to recording; None where it varies, or there is too little to tell.
+    """Median time from stamp to recording; None where it varies, or there is too little to tell."""
+    if stamps_ns.size < 2:
+        return None
+    delay_ns, spread_s = delay_of(stamps_ns, logged_ns)
+    return delay_ns * 1e-9 if spread_s < _MOST_SPREAD_S else None
+
+
+def delay_of(stamps_ns: I64, logged_ns: I64) -> tuple[int, float]:
+    """Median time from stamp to recording, nanoseconds, and how far the middle eight tenths of it spread, seconds.
 
     Of very many messages some, evenly spread, tell.
     """
-    if stamps_ns.size < 2:
-        return None
     every = -(-stamps_ns.size // _MOST_DELAYS)
     delays_ns = logged_ns[::every] - stamps_ns[::every]
     low, high = np.quantile(delays_ns, _SPREAD_QUANTILES) * 1e-9
-    return int(np.median(delays_ns)) * 1e-9 if high - low < _MOST_SPREAD_S else None
+    # Of whole numbers as large as clocks may differ by, a mean of two is not exact.
+    return int(delays_ns[0]) + int(np.median(delays_ns - delays_ns[0])), float(high - low)
 
 
 def _fits_better_as_stamped(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> bool:

@@ -7,47 +7,134 @@ transforms whose stamps jump by as much at their place in that order are moved a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.merging import period_s_of
-from dynmap_cli.ingest.raw.columns import steps_in
+from dynmap_cli.ingest.raw.columns import ascends, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 
 _BACK_NS, _FORTH_NS = -5 * 10**9, 7 * 86_400 * 10**9
 _ALIKE_NS = 5 * 10**9
 _LEAST_SCANS, _MOST_JUMPS = 10, 4
+_LEAST_BACK_NS = -(10**8)
+_TWICE_AS_OFTEN, _USUAL_QUANTILE, _LEAST_MIXED = 0.7, 0.9, 4
+
+
+class _Sets(NamedTuple):
+    """Where the clock was set, by the sweeps of one laser.
+
+    Attributes
+    ----------
+    cuts : list of int
+        Numbers of the sweeps before which it was set.
+    jumps_ns : list of int
+        From the sweep before to that one.
+    shifts_ns : (n_cuts + 1,) int64
+        What is to be added to the times of each part.
+    """
+
+    cuts: list[int]
+    jumps_ns: list[int]
+    shifts_ns: I64
+
+    def moved(self, times_ns: I64, cuts: Sequence[int]) -> I64:
+        """Times (n,) of a source, that jump before the given numbers, on one clock."""
+        parts = zip(np.split(times_ns, cuts), self.shifts_ns, strict=True)
+        return np.concatenate([part + shift_ns for part, shift_ns in parts])
 
 
 def join_set_clocks(recording: RawRecording) -> None:
     """Move stamps from before and after the clock was set to the clock of most sweeps, and say so."""
-    if not recording.lasers:
+    laser = _most_used(recording)
+    if laser is None:
         return
-    laser = max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name))
-    stamps_ns = laser.stamps_ns
-    cuts = _jumps_of(stamps_ns)
-    sizes = np.diff([0, *cuts.tolist(), stamps_ns.size])
+    found = _sets_of(laser.stamps_ns, _jumps_of(laser.stamps_ns))
+    if found is None:
+        return
+    for source in _moving(recording):
+        cuts = found.cuts if source is laser else _cuts_of(source.stamps_ns, found.jumps_ns)
+        if cuts is not None:
+            source.stamps_ns = found.moved(source.stamps_ns, cuts)
+    _say(recording, laser, found)
+
+
+def is_interleaved(recording: RawRecording) -> bool:
+    """Whether sweeps come twice as often for a while, as where messages are sorted by a clock that was set back.
+
+    Two periods lie between a sweep and the next but one, there only one.
+    """
+    laser = _most_used(recording)
+    if laser is None or laser.n_scans < 2 * _LEAST_SCANS:
+        return False
+    ordered = laser.stamps_ns if ascends(laser.stamps_ns) else np.sort(laser.stamps_ns)
+    apart_ns = ordered[2:] - ordered[:-2]
+    usual = int(_USUAL_QUANTILE * apart_ns.size)
+    is_short = apart_ns < _TWICE_AS_OFTEN * float(np.partition(apart_ns, usual)[usual])
+    if np.count_nonzero(is_short) < _LEAST_MIXED:
+        return False
+    n_short = np.concatenate([[0], np.cumsum(is_short)])
+    return bool((n_short[_LEAST_MIXED:] - n_short[:-_LEAST_MIXED] == _LEAST_MIXED).any())
+
+
+def undo_set_back(recording: RawRecording) -> bool:
+    """Put times of recording that go back in messages as they were written onto one clock, with the stamps that do so.
+
+    Returns
+    -------
+    bool
+        Whether there were such, which is said.
+    """
+    laser = _most_used(recording)
+    if laser is None:
+        return False
+    steps_ns = np.concatenate([np.zeros(1, dtype=np.int64), *steps_in(laser.logged_ns)])
+    found = _sets_of(laser.logged_ns, np.flatnonzero(steps_ns < _LEAST_BACK_NS))
+    if found is None:
+        return False
+    for source in _moving(recording):
+        cuts = _cuts_of(source.logged_ns, found.jumps_ns)
+        if cuts is None:
+            continue
+        steps_ns = np.diff(source.stamps_ns)[np.array(cuts) - 1]
+        if all(abs(a - b) < _alike_ns(b) for a, b in zip(steps_ns.tolist(), found.jumps_ns, strict=True)):
+            source.stamps_ns = found.moved(source.stamps_ns, cuts)
+        source.logged_ns = found.moved(source.logged_ns, cuts)
+    _say(recording, laser, found)
+    return True
+
+
+def _most_used(recording: RawRecording) -> RawLaser | None:
+    """The laser with most sweeps."""
+    return max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name), default=None)
+
+
+def _moving(recording: RawRecording) -> list[RawLaser | StampedRows]:
+    """All that has times that matter."""
+    moving = [one for one in recording.transforms.values() if not one.is_static]
+    return [*recording.lasers.values(), *recording.odometry.values(), *moving]
+
+
+def _sets_of(times_ns: I64, cuts: I64) -> _Sets | None:
+    """What is to be done where the times (n,) of the sweeps jump; None where they do not, or too often."""
+    sizes = np.diff([0, *cuts.tolist(), times_ns.size])
     if not 0 < cuts.size <= _MOST_JUMPS or sizes.min() < _LEAST_SCANS:
-        return
-    jumps_ns = (stamps_ns[cuts] - stamps_ns[cuts - 1]).tolist()
-    period_ns = round(
-        period_s_of(np.concatenate([np.sort(part) for part in np.split(stamps_ns, cuts)])) * 1e9
-    )
+        return None
+    jumps_ns = (times_ns[cuts] - times_ns[cuts - 1]).tolist()
+    period_ns = round(period_s_of(np.concatenate([np.sort(part) for part in np.split(times_ns, cuts)])) * 1e9)
     shifts_ns = np.concatenate([[0], np.cumsum([period_ns - jump_ns for jump_ns in jumps_ns])]).astype(
         np.int64
     )
     shifts_ns -= shifts_ns[max(range(sizes.size), key=lambda part: (sizes[part], part))]
-    others: list[RawLaser | StampedRows] = [*recording.lasers.values(), *recording.odometry.values()]
-    others += [one for one in recording.transforms.values() if not one.is_static]
-    for source in others:
-        own = cuts.tolist() if source is laser else _cuts_of(source.stamps_ns, jumps_ns)
-        if own is not None:
-            parts = np.split(source.stamps_ns, own)
-            moved = [part + shift_ns for part, shift_ns in zip(parts, shifts_ns, strict=True)]
-            source.stamps_ns = np.concatenate(moved)
-    told = ", ".join(f"{jump_ns * 1e-9:+.3f} s" for jump_ns in jumps_ns)
+    return _Sets(cuts.tolist(), jumps_ns, shifts_ns)
+
+
+def _say(recording: RawRecording, laser: RawLaser, found: _Sets) -> None:
+    """Say by how much the clock was set."""
+    told = ", ".join(f"{jump_ns * 1e-9:+.3f} s" for jump_ns in found.jumps_ns)
     recording.warnings.append(
         f"{file_name(recording.name)}: the clock was set while it was made: {laser.name} jumps by {told}; its "
         "stamps are moved to the clock of most scans, as if no time had passed there"
@@ -68,9 +155,14 @@ def _cuts_of(stamps_ns: I64, jumps_ns: Sequence[int]) -> list[int] | None:
     steps_ns = np.diff(stamps_ns)
     cuts, start = [], 0
     for jump_ns in jumps_ns:
-        found = np.flatnonzero(np.abs(steps_ns[start:] - jump_ns) < _ALIKE_NS)
+        found = np.flatnonzero(np.abs(steps_ns[start:] - jump_ns) < _alike_ns(jump_ns))
         if not found.size:
             return None
         cuts.append(start + int(found[0]) + 1)
         start = cuts[-1]
     return cuts
+
+
+def _alike_ns(jump_ns: int) -> float:
+    """By how much another source may jump more or less: it has a period of its own."""
+    return min(_ALIKE_NS, abs(jump_ns) / 2)

@@ -37,7 +37,7 @@ def part_tracks(recording: RawRecording) -> None:
         source.give_back()
         if apart_m is None or not recording.lasers:
             continue
-        poses = _poses_of(source)
+        poses = poses_of(source)
         if turns is None:
             turns = turns_of(max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name)))
         is_first = _first_track(poses)
@@ -57,7 +57,7 @@ def part_tracks(recording: RawRecording) -> None:
     recording.transforms = {pair: one for pair, one in recording.transforms.items() if one.stamps_ns.size}
 
 
-def _poses_of(source: RawOdometry | RawTransform) -> F64:
+def poses_of(source: RawOdometry | RawTransform) -> F64:
     """Poses (n, 3) in the order of recording."""
     if isinstance(source, RawOdometry):
         return source.poses

@@ -94,6 +94,10 @@ class RawTransform(StampedRows):
         """(n, 7) in the order of recording."""
         return self._rows.rows
 
+    @values.setter
+    def values(self, values: F64) -> None:
+        self._rows.rows = values
+
 
 @dataclass(frozen=True, slots=True)
 class Topic:

@@ -1,0 +1,119 @@
+"""Clocks that were set while a recording was made, told by the times of recording: these go on where stamps jump.
+
+From one message to the next the stamps of a source step by more or less than the times of recording, which go on as
+before, and the delay from stamp to recording stays at its new level: no slow program does that, for its stamps go on.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from dynmap_cli.arrays import I64
+from dynmap_cli.ingest.choices.clock_offsets import Source, delay_of, stamped_sources
+from dynmap_cli.ingest.raw.columns import spans
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name
+
+_LEAST_STEP_S, _MOST_OFF = 0.2, 0.25
+_LEAST_MESSAGES, _LOOKED_AT, _MOST_STEPS, _MOST_LOOKS = 10, 20, 4, 200
+
+
+class _Parts(NamedTuple):
+    """Messages of one source between the steps of its clock.
+
+    Attributes
+    ----------
+    delays_ns : (n_parts,) int64
+        Median time from stamp to recording in each part.
+    sizes : (n_parts,) int64
+    """
+
+    delays_ns: I64
+    sizes: I64
+
+    def nearest_ns(self, delay_ns: int) -> int:
+        """The delay of a part that is nearest to another."""
+        return int(self.delays_ns[np.argmin(np.abs(self.delays_ns - delay_ns))])
+
+    @property
+    def longest_ns(self) -> int:
+        """The delay of the part with most messages, of equal ones the last."""
+        return int(self.delays_ns[self.sizes.size - 1 - np.argmax(self.sizes[::-1])])
+
+
+def mend_clock_steps(recording: RawRecording) -> None:
+    """Put each source whose clock was set onto one clock, that of the other sources or of most scans; says so."""
+    if not recording.lasers:
+        return
+    sources = dict(stamped_sources(recording))
+    cuts = {name: _cuts_of(source.stamps_ns, source.logged_ns) for name, source in sources.items()}
+    if not any(found.size for found in cuts.values()):
+        return
+    parts = {name: _parts_of(source, cuts[name]) for name, source in sources.items()}
+    steady_ns = [found.longest_ns for found in parts.values() if found is not None and found.sizes.size == 1]
+    laser = max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name))
+    own = parts[laser.name]
+    clock_ns = own.longest_ns if own is not None else None
+    if own is not None and own.sizes.size > 1 and steady_ns:
+        clock_ns = own.nearest_ns(int(np.median(steady_ns)))
+    told = []
+    for name, source in sources.items():
+        found = parts[name]
+        if found is None or found.sizes.size == 1:
+            continue
+        target_ns = found.longest_ns if clock_ns is None else found.nearest_ns(clock_ns)
+        source.stamps_ns = source.stamps_ns + np.repeat(found.delays_ns - target_ns, found.sizes)
+        told.append(
+            f"{name} jumps by {', '.join(f'{step_ns * -1e-9:+.3f} s' for step_ns in np.diff(found.delays_ns))}"
+        )
+    if told:
+        recording.warnings.append(
+            f"{file_name(recording.name)}: the clock was set while it was made: {'; '.join(told)} against the times of "
+            "recording; by these the stamps are put on one clock"
+        )
+
+
+def _parts_of(source: Source, cuts: I64) -> _Parts | None:
+    """Part messages where their clock was set; None where the delay within a part varies, or there are too few."""
+    edges = [0, *cuts.tolist(), source.stamps_ns.size]
+    sizes = np.diff(edges)
+    if cuts.size > _MOST_STEPS or sizes.min() < _LEAST_MESSAGES:
+        return None
+    delays = [
+        delay_of(source.stamps_ns[first:last], source.logged_ns[first:last])
+        for first, last in pairwise(edges)
+    ]
+    delays_ns = np.array([delay_ns for delay_ns, _ in delays])
+    steps_s = np.abs(np.diff(delays_ns)) * 1e-9
+    is_steady = max(spread_s for _, spread_s in delays) < _MOST_OFF * steps_s.min(initial=np.inf)
+    return _Parts(delays_ns, sizes) if is_steady else None
+
+
+def _cuts_of(stamps_ns: I64, logged_ns: I64) -> I64:
+    """Numbers (n_steps,) of the messages at which stamps step, times of recording do not, and the delay stays."""
+    found = [np.zeros(0, dtype=np.int64)]
+    for rows in spans(max(stamps_ns.size - 1, 0), stamps_ns, logged_ns):
+        both = slice(rows.start, rows.stop + 1)
+        steps_ns = np.diff(logged_ns[both] - stamps_ns[both])
+        found.append(rows.start + 1 + np.flatnonzero(np.abs(steps_ns) >= _LEAST_STEP_S * 1e9))
+    looks = np.concatenate(found)
+    if looks.size > _MOST_LOOKS:
+        return looks[:0]
+    return np.array([one for one in looks.tolist() if _is_set(stamps_ns, logged_ns, one)], dtype=np.int64)
+
+
+def _is_set(stamps_ns: I64, logged_ns: I64, number: int) -> bool:
+    """Whether the clock was set right before one message, by the times of recording and the delays around it."""
+    around = slice(max(number - _LOOKED_AT, 0), number + _LOOKED_AT)
+    before, after = slice(around.start, number), slice(number, around.stop)
+    if min(stamps_ns[before].size, stamps_ns[after].size) < _LEAST_MESSAGES:
+        return False
+    stamp_s, logged_s = (int(times[number] - times[number - 1]) * 1e-9 for times in (stamps_ns, logged_ns))
+    step_s = stamp_s - logged_s
+    most_off_s = _MOST_OFF * abs(step_s)
+    if abs(logged_s - float(np.median(np.diff(logged_ns[around]))) * 1e-9) >= most_off_s:
+        return False
+    delays_ns = [delay_of(stamps_ns[part], logged_ns[part])[0] for part in (before, after)]
+    return abs((delays_ns[0] - delays_ns[1]) * 1e-9 - step_s) < most_off_s

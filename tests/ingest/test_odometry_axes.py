@@ -1,0 +1,108 @@
+"""Odometry whose positions and headings do not go together, and the motion that sweeps show."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dynmap_cli.domain.poses import between, wrap_angle
+from dynmap_cli.ingest.choices.headings import range_flow
+from tests.ingest.rooms import Room
+from tests.ingest.test_choices import read
+from tests.ingest.test_clock_offsets import with_poses
+
+QUARTER = math.pi / 2
+
+FAULTS = {
+    "x and y exchanged": lambda x, y, yaw: (y, x, yaw),
+    "a quarter turn": lambda x, y, yaw: (x, y, yaw + QUARTER),
+    "a quarter turn back": lambda x, y, yaw: (x, y, yaw - QUARTER),
+    "half a turn": lambda x, y, yaw: (x, y, yaw + math.pi),
+    "y to the right": lambda x, y, yaw: (x, -y, yaw),
+    "headings clockwise": lambda x, y, yaw: (x, y, -yaw),
+    "north is x, clockwise": lambda x, y, yaw: (y, x, QUARTER - yaw),
+}
+
+
+class Slow(Room):
+    """Turns less from scan to scan, and drives longer."""
+
+    @staticmethod
+    def poses_at(numbers):
+        time_s = 0.1 * numbers
+        yaw_rad = 1.4 * np.sin(0.4 * time_s) + 0.5 * np.sin(0.23 * time_s)
+        steps = 0.03 * np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad)])
+        return np.column_stack([np.cumsum(steps, axis=0), yaw_rad])
+
+
+def axis_warnings(report):
+    return [line for line in report.warnings if "its positions go" in line]
+
+
+@pytest.mark.parametrize("change", FAULTS.values(), ids=FAULTS)
+def test_positions_and_headings_are_brought_together_as_the_scans_show(change, tmp_path):
+    world = with_poses(Slow(n_scans=200), change)
+    log, report = read(tmp_path, world)
+    if change(1.0, 2.0, 0.5) == (2.0, 1.0, QUARTER - 0.5):
+        # All is turned over, so that positions fit headings; the turns of the sweeps say that something is.
+        assert not axis_warnings(report)
+        assert "turn left where the odometry turns right" in " ".join(report.warnings)
+        return
+    (line,) = axis_warnings(report)
+    assert "mended" in line
+    assert not report.lasers[0].upside_down
+    found, right = (between(poses[:-1], poses[1:]) for poses in (log.odometry, world.poses))
+    np.testing.assert_allclose(found, right, atol=1e-6)
+
+
+def test_a_robot_that_really_drives_sideways_and_back_is_believed(tmp_path):
+    class Sideways(Slow):
+        @staticmethod
+        def poses_at(numbers):
+            poses = Slow.poses_at(numbers)
+            way_rad = poses[:, 2] + 1.6 + 0.4 * np.sin(0.3 * numbers)
+            steps = 0.03 * np.column_stack([np.cos(way_rad), np.sin(way_rad)])
+            return np.column_stack([np.cumsum(steps, axis=0), poses[:, 2]])
+
+    world = Sideways(n_scans=150)
+    log, report = read(tmp_path, world)
+    assert not axis_warnings(report)
+    np.testing.assert_allclose(log.odometry, world.poses, atol=1e-6)
+
+
+def test_the_laser_may_be_turned_on_the_robot(tmp_path):
+    mounting = (0.2, -0.1, 0.3, 0.0, 0.0, math.sin(0.6), math.cos(0.6))
+
+    def turned(_number, fields):
+        fields["angle_min"] -= 1.2
+        fields["angle_max"] -= 1.2
+
+    world = with_poses(Slow(n_scans=200, mounting=mounting, change=turned), FAULTS["x and y exchanged"])
+    log, report = read(tmp_path, world)
+    assert "mended" in axis_warnings(report)[0]
+    found, right = (between(poses[:-1], poses[1:]) for poses in (log.odometry, world.poses))
+    np.testing.assert_allclose(found, right, atol=1e-6)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.1])
+def test_the_flow_of_ranges_is_the_motion_of_the_laser(missing):
+    world = Slow(n_scans=200, mounting=(0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0))
+    bearings_rad = world.first_rad + world.step_rad * np.arange(world.n_beams)
+    ranges_m, poses = world.ranges_m.astype(np.float64), world.poses
+    ranges_m[np.random.default_rng(2).random(ranges_m.shape) < missing] = np.nan
+    moved, turned_rad, is_known = range_flow(ranges_m[:-2], ranges_m[2:], bearings_rad)
+    right = between(poses[:-2], poses[2:])
+    is_slow = is_known & (np.abs(right[:, 2]) < 0.1)
+    assert np.count_nonzero(is_slow) > 50
+    off_m = np.abs(moved - (right[:, 0] + 1j * right[:, 1]))[is_slow]
+    assert np.median(off_m) < 0.01
+    assert np.median(np.abs(wrap_angle(turned_rad - right[:, 2]))[is_slow]) < 0.01
+
+
+def test_a_corridor_does_not_say_how_far_the_laser_moved_along_it():
+    bearings_rad = np.linspace(-3.0, 3.0, 181)
+    with np.errstate(divide="ignore"):
+        ranges_m = 1.5 / np.abs(np.sin(bearings_rad))
+    ranges_m[ranges_m > 12.0] = np.nan
+    _, _, is_known = range_flow(ranges_m[None], ranges_m[None], bearings_rad)
+    assert not is_known.any()
