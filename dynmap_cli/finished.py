@@ -63,7 +63,7 @@ def localize(
         if run_dir is not None:
             locks.enter_context(finished_run(run_dir, ()))
             check_chain(run_dir, LOCALIZE)
-        locks.enter_context(writing(out_dir))
+        locks.enter_context(writing(out_dir, is_output=True))
         if not force:
             keep_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
@@ -115,7 +115,7 @@ def compare(
             "--map-truth": str(truth.mapped or ""),
         },
     )
-    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir):
+    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir, is_output=True):
         if not force:
             keep_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)

@@ -104,7 +104,7 @@ def build(
     context = context_of(run_dir, config, threads, tuple(recordings))
     check_recordings(recordings)
     results = []
-    with writing(run_dir):
+    with writing(run_dir, is_output=True):
         finish_swap(run_dir, STAGE_PLACES)
         if force:
             _forget_others(run_dir, recordings)
@@ -141,7 +141,7 @@ def run_one(
             f"{run_dir}: no such run directory. Run `dynmap ingest LOG -o {run_dir}` or `dynmap build` first."
         )
         raise ArtifactError(msg)
-    with writing(run_dir):
+    with writing(run_dir, is_output=stage is INGEST):
         finish_swap(run_dir, STAGE_PLACES)
         if stage is INGEST and not force:
             keep_recordings(run_dir, recordings)
