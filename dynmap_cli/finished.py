@@ -12,26 +12,20 @@ from typing import Any
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.comparison import stage as comparison
 from dynmap_cli.config import Config
+from dynmap_cli.consistency import check_chain, finished_run, refuse_other_recordings
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import manifest_path
 from dynmap_cli.files.patch_archive import read_names, read_patches
 from dynmap_cli.files.pgm import read_map
+from dynmap_cli.floor_plan import STAGES
 from dynmap_cli.given import check_recordings
 from dynmap_cli.history import stage as history
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
-from dynmap_cli.pipeline import (
-    STAGES,
-    StageResult,
-    check_chain,
-    context_of,
-    finished_run,
-    keep_recordings,
-    run_stage,
-)
+from dynmap_cli.pipeline import StageResult, context_of, run_stage
 from dynmap_cli.planner import stage as planner
 from dynmap_cli.planner.choice import StateRule
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
@@ -63,9 +57,9 @@ def localize(
         if run_dir is not None:
             locks.enter_context(finished_run(run_dir, ()))
             check_chain(run_dir, LOCALIZE)
-        locks.enter_context(writing(out_dir))
+        locks.enter_context(writing(out_dir, is_output=True))
         if not force:
-            keep_recordings(out_dir, recordings)
+            refuse_other_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
         return [ingested, run_stage(_LOCALIZE_AND_DRAW, context, force=force, target=out_dir)]
 
@@ -115,9 +109,9 @@ def compare(
             "--map-truth": str(truth.mapped or ""),
         },
     )
-    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir):
+    with finished_run(run_dir, (MAP, SEGMENT, CLUSTER)), writing(out_dir, is_output=True):
         if not force:
-            keep_recordings(out_dir, recordings)
+            refuse_other_recordings(out_dir, recordings)
         ingested = run_stage(INGEST, context_of(out_dir, config, threads, tuple(recordings)), force=force)
         compared = run_stage(comparison.stage_of(truth, most_states), context, force=force, target=out_dir)
         return [ingested, compared]

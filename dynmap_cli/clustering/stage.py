@@ -1,4 +1,4 @@
-"""The door of the room."""
+"""The door of the room: scans and sub-maps -> patches, the states of each area."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def needs(context: StageContext) -> tuple[str, int]:
 
 
 def run(context: StageContext) -> dict[str, Any]:
-    """Read, call, write."""
+    """Learn the states, give them the numbers of before, correct them by hand, write patches.zip."""
     from dynmap_cli.clustering.corrections import apply_corrections
     from dynmap_cli.clustering.learning import learn_patch_map
     from dynmap_cli.clustering.numbering import keep_numbers

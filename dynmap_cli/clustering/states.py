@@ -124,7 +124,11 @@ def _shows_change(patch_set: PatchSet | None) -> bool:
 def _learn_from(
     log: ScanLog, poses: F64, submap: SubMap, params: StateParams, cuts: SequenceParams
 ) -> tuple[PatchSet | None, tuple[Visit, ...]]:
-    """Learn the patches of a sub-map from the visits that are cut in one way."""
+    """Learn the patches of a sub-map from the visits (observation sequences) that are cut in one way.
+
+    Each visit draws a map of its own; the maps are laid over one another and clustered, and a patch is the mean of the
+    maps of one cluster.
+    """
     sequences = cut_sequences(log, poses, submap.frame, cuts)
     maps = align(
         build_local_maps(

@@ -38,7 +38,7 @@ class Cleaned:
     scans : Counter
         Sweeps that the run has labels for, by topic.
     beams, removed : int
-        Beams of these sweeps, and how many of them are NaN now (or labelled so).
+        Beams of these sweeps that have an end point, and how many of them are NaN now (or labelled so).
     other_scans : Counter
         Sweeps that the run has no labels for, copied as they were, by topic.
     other_messages : int
@@ -184,7 +184,7 @@ def _take(
         return
     removed = labels.removed(row, scan.offsets.size)
     done.scans[channel.topic] += 1
-    done.beams += removed.size
+    done.beams += labels.n_ended(row, scan.offsets.size)
     done.removed += int(removed.sum())
     if not is_label:
         writer.add(stored._replace(data=scan.without(removed)))

@@ -74,6 +74,10 @@ class BeamLabels:
             is_removed if self._is_kept is None else is_removed & ~copied_rows(self._is_kept, row)[:n_beams]
         )
 
+    def n_ended(self, row: int, n_beams: int) -> int:
+        """How many beams of a sweep have an end point."""
+        return int(np.count_nonzero(np.isfinite(copied_rows(self._static_probability, row)[:n_beams])))
+
     def static_probability(self, row: int, n_beams: int) -> F32:
         """(n_beams,) e of each beam of a sweep, 1/2 = unknown, NaN where it has no end point."""
         e: F32 = copied_rows(self._static_probability, row)[:n_beams]

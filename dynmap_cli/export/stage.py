@@ -114,7 +114,9 @@ def _lines(done: Cleaned, kept: int, out_path: Path, *, is_label: bool) -> list[
     """What was written, as sentences."""
     what = "are called dynamic" if is_label else "are NaN now"
     scans = ", ".join(f"{count} scans on {topic}" for topic, count in sorted(done.scans.items()))
-    lines = [f"{scans}: {done.removed} of {done.beams} beams hit something that moves and {what}"]
+    lines = [
+        f"{scans}: {done.removed} of {done.beams} beams with a return hit something that moves and {what}"
+    ]
     if is_label:
         lines.append(f"labels are the intensities of the scans on TOPIC{LABEL_SUFFIX}")
     if kept:

@@ -14,8 +14,14 @@ LOCK_NAME = ".lock"
 
 
 @contextmanager
-def writing(folder: Path) -> Iterator[None]:
+def writing(folder: Path, *, is_output: bool = False) -> Iterator[None]:
     """Hold a folder for writing; made if it is missing, and gone again where work that fails puts nothing into it.
+
+    Parameters
+    ----------
+    folder : Path
+    is_output : bool
+        It was named with --output, so another one may be named as well.
 
     Raises
     ------
@@ -27,10 +33,11 @@ def writing(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         stream = (folder / LOCK_NAME).open("a")
     except OSError as err:
-        msg = f"{folder}: cannot be written ({err.strerror}). Choose another output or free the place."
+        remedy = "Choose another output or free the place" if is_output else "Let dynmap write there"
+        msg = f"{folder}: cannot be written ({err.strerror}). {remedy}."
         raise ArtifactError(msg) from err
     with stream:
-        _take(stream.fileno(), folder, fcntl.LOCK_EX)
+        _take(stream.fileno(), folder, fcntl.LOCK_EX, ", or choose another output" if is_output else "")
         try:
             yield
         except BaseException:
@@ -68,15 +75,15 @@ def reading(folder: Path) -> Iterator[None]:
         yield
 
 
-def _take(descriptor: int, folder: Path, kind: int) -> None:
-    """Lock at once or say who has it."""
+def _take(descriptor: int, folder: Path, kind: int, instead: str = "") -> None:
+    """Lock at once or say who has it, and what may be done instead of waiting."""
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
         # Who had it before may have taken the folder away.
         if (folder / LOCK_NAME).stat().st_ino != os.fstat(descriptor).st_ino:
             raise BlockingIOError
     except (BlockingIOError, FileNotFoundError) as err:
-        msg = f"{folder}: another dynmap is working in this folder. Wait until it is done, or choose another output."
+        msg = f"{folder}: another dynmap is working in this folder. Wait until it is done{instead}."
         raise ArtifactError(msg) from err
     except OSError as err:
         msg = f"{folder}: cannot be locked ({err.strerror}). Use a file system with locks (flock)."

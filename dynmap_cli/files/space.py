@@ -35,7 +35,7 @@ def check_space(name: str, what: str, n_bytes: int, folder: Path) -> None:
     if n_bytes > free:
         msg = (
             f"{name}: {_size(n_bytes)} are needed on the disk of {folder.parent} for {what}, "
-            f"{_size(free)} are free. Free the place or choose another output."
+            f"{_size(free)} are free. Free the place, or work in a folder on another disk."
         )
         raise ArtifactError(msg)
     if n_bytes >= _WORTH_SAYING_BYTES:

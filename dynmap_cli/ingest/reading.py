@@ -56,7 +56,7 @@ from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no
 from dynmap_cli.ingest.choices.renamed import join_renamed
 from dynmap_cli.ingest.choices.restarts import join_restarts
 from dynmap_cli.ingest.choices.robot_frames import find_base
-from dynmap_cli.ingest.choices.turns import agreement_at
+from dynmap_cli.ingest.choices.turns import ReferenceLaser, agreement_at
 from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
 from dynmap_cli.ingest.choices.units import mend_units
 from dynmap_cli.ingest.containers.opening import Source, find_sources
@@ -215,8 +215,10 @@ def load_recordings(
         mend_units(recording)
         mend_clock_steps(recording)
         join_set_clocks(recording)
-        align_clocks(recording)
-        part_tracks(recording)
+        reference = ReferenceLaser(recording.lasers) if recording.lasers else None
+        if reference is not None:
+            align_clocks(recording, reference)
+        part_tracks(recording, reference)
         join_restarts(recording)
         drop_impossible(recording)
     return recordings

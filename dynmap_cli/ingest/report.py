@@ -88,8 +88,8 @@ class LaserReport:
     @property
     def no_return_line(self) -> str:
         """What beams without return mean, and why."""
-        means = "free" if self.no_return == "free" else "nothing"
-        return f"no return ({self.share_no_return:.1%} of the beams) means {means}: {self.no_return_why}"
+        means = "count as free space" if self.no_return == "free" else "are left out"
+        return f"beams without a return ({self.share_no_return:.1%} of all) {means}: {self.no_return_why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +169,7 @@ class IngestReport:
         lines = [f"a drive of its own: {self.why_apart}"] if self.why_apart else []
         lines += [
             f"{names}: {self.scans} scans over {self.span_s:.1f} s",
-            *(_laser_line(laser) for laser in self.lasers),
+            *(line for laser in self.lasers for line in _laser_lines(laser)),
             self._odometry_line(),
         ]
         lines += self.notes
@@ -235,19 +235,22 @@ def _each(words: Iterable[str]) -> str:
     return "; ".join(dict.fromkeys(words))
 
 
-def _laser_line(laser: LaserReport) -> str:
-    """One sentence on a laser."""
+def _laser_lines(laser: LaserReport) -> list[str]:
+    """A sentence on a laser, and where it is used one on its beams without a return."""
     beams = "-".join(str(count) for count in sorted(set(laser.beams)))
     what = (
         f"laser {laser.name}: {laser.scans} x {beams} beams over {laser.field_of_view_deg:.0f} deg, "
         f"{laser.rate_hz:.1f} per second"
     )
     if not laser.used:
-        return f"{what}; not used, {laser.why}"
+        return [f"{what}; not used, {laser.why}"]
     where = "pose on the robot not known"
     if laser.pose is not None:
         x, y, yaw = laser.pose
         where = f"at x {x:.3f} m, y {y:.3f} m, yaw {np.degrees(yaw):.1f} deg"
     turned = ", upside down" if laser.upside_down else ""
     masked = f"; {laser.masked}" if laser.masked else ""
-    return f"{what}, {where}{turned}; used, {laser.why}; {laser.no_return_line}{masked}"
+    return [
+        f"{what}, {where}{turned}; used, {laser.why}{masked}",
+        f"laser {laser.name}: {laser.no_return_line}",
+    ]

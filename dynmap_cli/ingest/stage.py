@@ -1,4 +1,4 @@
-"""The door of the room."""
+"""The door of the room: recordings -> the columns of their scans."""
 
 from __future__ import annotations
 

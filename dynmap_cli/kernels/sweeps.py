@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I64, U8
+from dynmap_cli.kernels.crossings import first_crossing, passing_share
 from dynmap_cli.kernels.jit import kernel
 
 
@@ -29,144 +30,9 @@ def place_beams(directions_rad: F64, lengths_m: F64, pose: F64, out_rad: F64, ou
 
 
 @kernel
-def _stretch_inside(start: float, step: float, size: int) -> tuple[float, float]:
-    """From where to where along a ray one of its coordinates lies within [0, size)."""
-    if step != 0.0:
-        a, b = -start / step, (size - start) / step
-        return min(a, b), max(a, b)
-    return (-math.inf, math.inf) if 0.0 <= start < size else (math.inf, -math.inf)
-
-
-@kernel
-def _first_border(start: float, step: float, cell: int) -> tuple[float, float]:
-    """Distance along a ray to where it leaves its first row or column of cells, and from one border to the next."""
-    if step == 0.0:
-        return math.inf, math.inf
-    return (cell + (step > 0.0) - start) / step, abs(1.0 / step)
-
-
-@kernel
-def _is_met(code: int, dx: float, dy: float, least_sine: float) -> bool:
-    """Whether a ray of a direction meets a surface: 255 = whatever its own direction, else 1 + that in degrees."""
-    along = math.radians(code - 1.0)
-    return code == 255 or abs(dx * math.sin(along) - dy * math.cos(along)) >= least_sine
-
-
-@kernel
-def first_crossing(
-    surfaces: U8, x: float, y: float, dx: float, dy: float, length: float, least_sine: float
-) -> tuple[float, float]:
-    """Where a beam enters a grid, and where it first crosses a surface in it; in cells.
-
-    A beam that slides along a surface crosses nothing: only cells whose surface it meets at an angle
-    with a sine of at least *least_sine* count.
-
-    Parameters
-    ----------
-    surfaces : (rows, cols) uint8
-        0 = nothing solid, 1 to 180 = solid, direction of the surface in degrees plus one,
-        255 = solid from all sides.
-    x, y : float
-        The sensor, in cells of this grid (may lie outside).
-    dx, dy : float
-        Direction of the beam, of length 1.
-    length : float
-        How far the beam is followed, cells; finite.
-    least_sine : float
-
-    Returns
-    -------
-    enter, crossed : float
-        Distance at which the beam enters the grid, and the cell with its first crossing; +inf where it does
-        not within its length.
-    """
-    rows, cols = surfaces.shape
-    enter_x, leave_x = _stretch_inside(x, dx, cols)
-    enter_y, leave_y = _stretch_inside(y, dy, rows)
-    enter, leave = max(0.0, enter_x, enter_y), min(length, leave_x, leave_y)
-    if enter >= leave:
-        return math.inf, math.inf
-    col = min(max(int(math.floor(x + dx * enter)), 0), cols - 1)
-    row = min(max(int(math.floor(y + dy * enter)), 0), rows - 1)
-    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    next_x, delta_x = _first_border(x, dx, col)
-    next_y, delta_y = _first_border(y, dy, row)
-    at = enter
-    while at < leave and 0 <= col < cols and 0 <= row < rows:
-        code = surfaces[row, col]
-        if code != 0 and _is_met(code, dx, dy, least_sine):
-            return enter, at
-        if next_x < next_y:
-            col += step_col
-            at = next_x
-            next_x += delta_x
-        else:
-            row += step_row
-            at = next_y
-            next_y += delta_y
-    return enter, math.inf
-
-
-@kernel
-def passing_share(
-    surfaces: U8,
-    passes: F32,
-    x: float,
-    y: float,
-    dx: float,
-    dy: float,
-    length: float,
-    beyond: float,
-    least_sine: float,
-) -> tuple[float, float]:
-    """Where a beam enters a grid, in cells, and how likely one gets as far as this one.
-
-    What is solid lets some beams through: panes that mirror only from the front, shelves, legs of chairs. So of each
-    surface that the beam crosses, see `first_crossing`, the share of beams counts that passed its cells before; none
-    passed where nobody has seen what lies behind.
-
-    Parameters
-    ----------
-    surfaces, x, y, dx, dy, length, least_sine
-        As for `first_crossing`.
-    passes : (rows, cols) float32
-        Share of the beams that pass each cell; NaN in cells without a surface that no beam has reached.
-    beyond : float
-        A cell is crossed by a beam that goes on this far behind where it enters it, cells.
-
-    Returns
-    -------
-    enter, share : float
-        Distance at which the beam enters the grid, +inf where it does not within its length; share of beams.
-    """
-    rows, cols = surfaces.shape
-    enter_x, leave_x = _stretch_inside(x, dx, cols)
-    enter_y, leave_y = _stretch_inside(y, dy, rows)
-    enter, leave = max(0.0, enter_x, enter_y), min(length, leave_x, leave_y)
-    if enter >= leave:
-        return math.inf, 1.0
-    col = min(max(int(math.floor(x + dx * enter)), 0), cols - 1)
-    row = min(max(int(math.floor(y + dy * enter)), 0), rows - 1)
-    step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    next_x, delta_x = _first_border(x, dx, col)
-    next_y, delta_y = _first_border(y, dy, row)
-    at, share = enter, 1.0
-    while at < leave and at + beyond <= length and 0 <= col < cols and 0 <= row < rows:
-        code = surfaces[row, col]
-        if code != 0:
-            if _is_met(code, dx, dy, least_sine):
-                share *= passes[row, col]
-        elif share < 1.0 and math.isnan(passes[row, col]):
-            share = 0.0
-        if next_x < next_y:
-            col += step_col
-            at = next_x
-            next_x += delta_x
-        else:
-            row += step_row
-            at = next_y
-            next_y += delta_y
-    return enter, share
+def _cell_of(x_m: float, y_m: float, cell: F64) -> tuple[int, int]:
+    """Row and column of a point in a grid whose corner (x, y) and edge of a cell are given (3,), in metres."""
+    return int(math.floor((y_m - cell[1]) / cell[2])), int(math.floor((x_m - cell[0]) / cell[2]))
 
 
 @kernel
@@ -261,19 +127,20 @@ def weigh_states(
     """
     rows, cols = owned.shape
     x, y = (sensor_m[0] - cell[0]) / cell[2], (sensor_m[1] - cell[1]) / cell[2]
+    beyond = limits[1] / cell[2]
     at_ends[:] = 0.0
     through[:] = 0.0
     told[:] = 0
     n_beams, said = 0, np.zeros(field_start.size)
     for beam in range(directions_rad.size):
-        dx, dy, length = math.cos(directions_rad[beam]), math.sin(directions_rad[beam]), lengths_m[beam]
-        col = int(math.floor((ends_m[beam, 0] - cell[0]) / cell[2]))
-        row = int(math.floor((ends_m[beam, 1] - cell[1]) / cell[2]))
+        dx, dy = math.cos(directions_rad[beam]), math.sin(directions_rad[beam])
+        length = lengths_m[beam] / cell[2]
+        row, col = _cell_of(ends_m[beam, 0], ends_m[beam, 1], cell)
         inside = hits[beam] and 0 <= row < rows and 0 <= col < cols and owned[row, col]
         lowest, highest = math.inf, -math.inf
         for state in range(field_start.size):
             enter, share = passing_share(
-                surfaces[state], passes[state], x, y, dx, dy, length / cell[2], limits[1] / cell[2], limits[0]
+                surfaces[state], passes[state], x, y, dx, dy, length, beyond, limits[0]
             )
             if not enter * cell[2] <= limits[2]:
                 break
@@ -313,8 +180,7 @@ def are_marked(points_m: F64, cell: F64, marked: B1, out: B1) -> None:
     """
     rows, cols = marked.shape
     for k in range(points_m.shape[0]):
-        col = int(math.floor((points_m[k, 0] - cell[0]) / cell[2]))
-        row = int(math.floor((points_m[k, 1] - cell[1]) / cell[2]))
+        row, col = _cell_of(points_m[k, 0], points_m[k, 1], cell)
         out[k] = marked[min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)]
 
 
@@ -336,8 +202,7 @@ def explain_by_states(
     """
     rows, cols = owned.shape
     for k in range(ends_m.shape[0]):
-        col = int(math.floor((ends_m[k, 0] - cell[0]) / cell[2]))
-        row = int(math.floor((ends_m[k, 1] - cell[1]) / cell[2]))
+        row, col = _cell_of(ends_m[k, 0], ends_m[k, 1], cell)
         if 0 <= row < rows and 0 <= col < cols and owned[row, col]:
             by_any = False
             for k_state in range(explained.shape[0]):

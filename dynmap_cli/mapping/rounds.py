@@ -118,11 +118,11 @@ def build_filter_map(
     poses: F64 | None = None
     rounds: list[Round] = []
     while True:
-        # Where people come by all the time, few of them stand out on the map of the whole recording.
-        # Two tables in turn: e of the round before, and that of this one.
+        # Two tables in turn: e of the round before (known), and that of this one.
         spare = new_table(log.n_scans, log.n_beams, folder) if spare is None else spare
         weights = known
         if crowd is not None:
+            # Where people come by all the time, few of them stand out on the map of the whole recording.
             weights = crowd if known is None else _least_of(known, crowd, spare)
         before, poses = poses, site.poses(weights, f"round {len(rounds) + 1} of {settings.max_rounds}")
         frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
@@ -172,12 +172,12 @@ def _with_looks(
     )
 
 
-def _round(filtered: FilteredMap, weights: F32 | None, poses: F64, before: F64 | None) -> Round:
-    """Compare a round with the one before."""
+def _round(filtered: FilteredMap, e_before: F32 | None, poses: F64, poses_before: F64 | None) -> Round:
+    """Compare a round with the one before, if there is one."""
     changed, shift = 1.0, float("nan")
-    if weights is not None and before is not None:
-        changed = _changed_share(filtered.static_probability, weights)
-        shift = float(np.nanmax(np.linalg.norm(poses[:, :2] - before[:, :2], axis=1), initial=0.0))
+    if e_before is not None and poses_before is not None:
+        changed = _changed_share(filtered.static_probability, e_before)
+        shift = float(np.nanmax(np.linalg.norm(poses[:, :2] - poses_before[:, :2], axis=1), initial=0.0))
     drawn = occupancy(filtered.counting_map)
     return Round(filtered.log_likelihood, filtered.dynamic_share, changed, shift, drawn)
 

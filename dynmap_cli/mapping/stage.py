@@ -1,4 +1,4 @@
-"""The door of the room."""
+"""The door of the room: scans -> path, filtered map, and the probability that each beam hit something static."""
 
 from __future__ import annotations
 

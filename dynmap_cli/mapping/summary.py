@@ -55,7 +55,7 @@ def summarize(log: ScanLog, result: FilterMap, usable_range_m: float) -> dict[st
     lines = [
         f"{log.n_scans} scans along {summary['path_m']:.1f} m{in_drives}, map of "
         f"{summary['size_m'][0]:.1f} m x {summary['size_m'][1]:.1f} m",
-        f"{100 * filtered.dynamic_share:.2f} % of {ended} beams hit something that moves",
+        f"{100 * filtered.dynamic_share:.2f} % of {ended} beams with a return hit something that moves",
     ]
     if filtered.unknown_share > 0.0:
         lines.append(

@@ -17,13 +17,13 @@ from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.patches import NEVER_MAPPED, SURE, PatchSet
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.files.trajectory import parse_stamp, read_tum
-from dynmap_cli.report.ink import INK, PAPER
+from dynmap_cli.report.ink import INK, PAPER, colour_of_submap
 from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
 from dynmap_cli.report.pictures import MapPicture
 
 NAME = "localization.png"
 COLOURS = {"tracking": (40, 110, 200), "changed": (240, 128, 16), "lost": (200, 20, 50)}
-_START, _SUBMAP, _NEVER_SEEN = (30, 140, 70), (122, 95, 176), (120, 120, 120)
+_START, _NEVER_SEEN = (30, 140, 70), (120, 120, 120)
 _JUMP_M = 1.0
 """No line is drawn between consecutive scans further apart: the robot was found elsewhere."""
 _RADIUS = 7
@@ -138,7 +138,7 @@ class _LocalizationPicture(MapPicture):
                 pen.line([tuple(spot) for spot in spots[line].tolist()], fill=colour, width=3)
         labels = [Label("start", _mark_start(pen, spots[0]), _START)] if spots.shape[0] else []
         for submap in submaps:
-            colour = _NEVER_SEEN if submap.patch is None else _SUBMAP
+            colour = _NEVER_SEEN if submap.patch is None else colour_of_submap(submap.patch_set.submap_id)
             labels.append(Label(submap.label, self._draw_box(pen, submap.patch_set.frame, colour), colour))
         draw_labels(image, labels)
         words = [
@@ -146,7 +146,7 @@ class _LocalizationPicture(MapPicture):
             *((verdict, colour) for verdict, colour in COLOURS.items() if verdict in verdicts),
         ]
         if any(submap.patch is not None for submap in submaps):
-            words.append(("sub-map: state believed last (probability)", _SUBMAP))
+            words.append(("frames: sub-maps, state believed last (probability)", INK))
         return above_legend(self._above_scale(image), words)
 
 

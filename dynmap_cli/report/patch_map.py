@@ -13,11 +13,10 @@ from dynmap_cli.arrays import F32, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
-from dynmap_cli.report.ink import INK, PAPER, UNSEEN, font_of
+from dynmap_cli.report.ink import INK, PAPER, UNSEEN, Colour, colour_of_submap, font_of
 from dynmap_cli.report.pictures import FULL_REFLECTANCE, largest_of_blocks, state_tile
 
 _TILE_EDGE = (176, 176, 176)
-_COLOURS = ((42, 111, 181), (217, 130, 43), (58, 154, 91), (176, 58, 107), (122, 95, 176), (138, 109, 59))
 _MAP_WIDTH, _MAP_HEIGHT, _SHEET_HEIGHT = 900, 1200, 1500
 _LARGEST_TILE, _SMALLEST_TILE, _MOST_ZOOM = 120, 24, 12
 _GAP, _TEXT, _NUMBER, _LEADER, _MOST_PER_ROW, _FONT = 6, 18, 17, 60, 4, 14
@@ -40,9 +39,9 @@ class _Group:
     tile_pixels: int
 
     @property
-    def colour(self) -> tuple[int, int, int]:
+    def colour(self) -> Colour:
         """Of its frame and of its rectangle in the map."""
-        return _COLOURS[self.submap.submap_id % len(_COLOURS)]
+        return colour_of_submap(self.submap.submap_id)
 
     @property
     def title(self) -> str:

@@ -13,7 +13,18 @@ from dynmap_cli.arrays import F32, F64, I8, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
-from dynmap_cli.report.ink import CHANGING, INK, MOVED, PAPER, PATH, SUBMAP, UNSEEN, font_of, font_pixels
+from dynmap_cli.report.ink import (
+    CHANGING,
+    INK,
+    MOVED,
+    PAPER,
+    PATH,
+    UNSEEN,
+    Colour,
+    colour_of_submap,
+    font_of,
+    font_pixels,
+)
 from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
 
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
@@ -68,14 +79,14 @@ class MapPicture:
         pen = ImageDraw.Draw(image)
         for path_m in paths_m:
             pen.line([tuple(point) for point in self._to_pixels(path_m).tolist()], fill=PATH, width=2)
-        boxes = [self._draw_box(pen, submap.frame, SUBMAP) for submap in submaps]
-        draw_labels(
-            image,
-            [Label(submap.called, box, SUBMAP) for submap, box in zip(submaps, boxes, strict=True)],
-        )
+        labels = []
+        for submap in submaps:
+            colour = colour_of_submap(submap.submap_id)
+            labels.append(Label(submap.called, self._draw_box(pen, submap.frame, colour), colour))
+        draw_labels(image, labels)
         words = [("removed beams", MOVED)] if removed_m.size else []
         words += [("path", PATH)] if paths_m else []
-        words += [("sub-maps, with their numbers", SUBMAP)] if submaps else []
+        words += [("frames: sub-maps, with their numbers", INK)] if submaps else []
         scaled = self._above_scale(image)
         return above_legend(scaled, words) if paths_m else scaled
 
@@ -85,7 +96,7 @@ class MapPicture:
         y = self._pixels.shape[0] - (points_m[:, 1] - self._frame.origin_y_m) * self._pixels_per_m
         return np.column_stack([x, y])
 
-    def _draw_box(self, pen: ImageDraw.ImageDraw, frame: GridFrame, colour: tuple[int, int, int]) -> Box:
+    def _draw_box(self, pen: ImageDraw.ImageDraw, frame: GridFrame, colour: Colour) -> Box:
         """Draw the rectangle of a sub-map; give back its left, top, right and bottom, pixels."""
         low = np.array([frame.origin_x_m, frame.origin_y_m])
         size_m = np.array([frame.cols, frame.rows]) * frame.resolution_m

@@ -130,7 +130,7 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
         "Black: walls. White: free. Grey: never seen. Blue: the path. "
         f"Orange: {n_removed} end points of beams that hit something that moves, left out of the map. "
         + (
-            "Red: sub-maps (areas that change), with their numbers."
+            "Frames: sub-maps (areas that change), with their numbers; each has its colour in all figures."
             if submaps
             else "No area was seen in two states."
         )

@@ -32,6 +32,10 @@ def find_submaps(
 ) -> tuple[tuple[SubMap, ...], Contradictions]:
     """Find the areas that change (paper, 1.3.1): contradictions, growing, merging.
 
+    Cells that windows contradict (contested) are put together to components, of which those stay that changed as one.
+    What comes back to the same spot without its cells contradicting one another (recurring) makes components, too.
+    Components near one another merge; each group becomes a sub-map, the rectangle around it with a margin.
+
     Parameters
     ----------
     log : ScanLog

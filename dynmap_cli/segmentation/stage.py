@@ -1,4 +1,4 @@
-"""The door of the room."""
+"""The door of the room: scans and their path -> sub-maps, the areas that change."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def needs(context: StageContext) -> tuple[str, int]:
 
 
 def run(context: StageContext) -> dict[str, Any]:
-    """Read, call, write."""
+    """Find the sub-maps, give them the numbers of before, correct them by hand, write submaps/."""
     from dynmap_cli.counting.looks import time_windows
     from dynmap_cli.segmentation.corrections import apply_corrections
     from dynmap_cli.segmentation.finding import find_submaps

@@ -41,11 +41,21 @@ def test_columns_and_exit_codes_are_as_documented():
 
 
 def test_links_lead_somewhere():
-    for page, folder in ((README, PROJECT), (OUTPUTS, PROJECT / "docs")):
-        found = re.findall(r"\]\(([^)#:]+)[^):]*\)|src=\"([^\"]+)\"", page)
-        links = [link or picture for link, picture in found]
-        assert [link for link in links if not (folder / link).exists()] == []
-    assert "docs/outputs.md" in README
+    pages = [PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md"))]
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        found = re.findall(r"\]\(([^)#:]*)#?([^):]*)\)|src=\"([^\"]+)\"", text)
+        for link, place, picture in found:
+            target = page.parent / (link or picture) if link or picture else page
+            assert target.exists(), (page.name, link or picture)
+            assert not place or place in anchors(target), (page.name, link, place)
+    assert [page.name for page in pages[1:] if f"docs/{page.name}" not in README] == []
+
+
+def anchors(page):
+    """Places of a page that a link may name."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
 
 
 def test_the_lines_of_the_terminal_are_those_that_are_printed(corridor):

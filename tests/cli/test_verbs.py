@@ -154,13 +154,17 @@ def test_a_second_writer_is_refused_and_a_killed_one_leaves_no_lock(small, tmp_p
     ) as holder:
         try:
             assert holder.stdout.readline() == "held\n"
-            for refused in (
-                words,
-                ("localize", small.run_dir, small.recording, "-o", tmp_path / "out", "-q"),
+            for refused, remedy in (
+                (words, "Wait until it is done, or choose another output."),
+                (("update", small.run_dir, small.recording, "-q"), "Wait until it is done."),
+                (
+                    ("localize", small.run_dir, small.recording, "-o", tmp_path / "out", "-q"),
+                    "Wait until it is done.",
+                ),
             ):
                 result = run_dynmap(*refused)
                 assert result.exit_code == 5
-                assert "another dynmap is working in this folder" in result.stderr
+                assert result.stderr.endswith(f": another dynmap is working in this folder. {remedy}\n")
         finally:
             holder.kill()
             holder.wait()

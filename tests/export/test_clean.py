@@ -98,6 +98,7 @@ def test_only_removed_beams_change(tmp_path, kind, is_label):
     assert done.scans == {"/scan": log.n_scans}
     assert not done.other_scans
     assert done.removed == int((probability < 0.3).sum())
+    assert done.beams == np.isfinite(log.ranges_m).sum()
     untouched = sorted(
         (one.topic, one.logged_ns, one.data) for one in written if one.topic in original_topics(is_label)
     )

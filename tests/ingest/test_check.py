@@ -174,7 +174,7 @@ def test_check_and_ingest_state_the_same_rate_of_a_topic_whatever_the_pauses(tmp
     path = write_bag1(tmp_path / "a.bag", World(extra=list(later.messages())))
     row = next(line.split() for line in check(path).stdout.splitlines() if line.split()[:1] == ["/scan"])
     _, report = read_recordings([path], IngestSettings())
-    (line,) = [line for line in report.lines() if line.startswith("laser /scan")]
+    (line,) = [line for line in report.lines() if line.startswith("laser /scan: ") and " per second" in line]
     assert row[6] == f"{report.lasers[0].timing.rate_hz:.1f}" == "10.0"
     assert f", {row[6]} per second" in line
 

@@ -7,12 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynmap_cli.domain.poses import transform_points
+from dynmap_cli.kernels.crossings import first_crossing, passing_share
 from dynmap_cli.kernels.novelties import clip_edges, see_places
 from dynmap_cli.kernels.sweeps import (
     are_marked,
     explain_by_states,
-    first_crossing,
-    passing_share,
     place_beams,
     sort_beams,
     walls_crossed,

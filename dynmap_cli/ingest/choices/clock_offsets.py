@@ -15,7 +15,7 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import interpolate
 from dynmap_cli.ingest.choices.frames import make_edge, planar
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name
-from dynmap_cli.ingest.choices.turns import Agreement, ScanTurns, agreement, turns_of
+from dynmap_cli.ingest.choices.turns import Agreement, ReferenceLaser, ScanTurns, agreement
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, file_name
 
@@ -26,15 +26,12 @@ _MOST_DELAYS = 1 << 17
 _CLEARLY = 0.7
 
 
-def align_clocks(recording: RawRecording) -> None:
-    """Move the stamps of lasers, odometry and transforms whose clock is not that of the laser with most sweeps."""
-    if not recording.lasers:
-        return
-    laser = max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name))
+def align_clocks(recording: RawRecording, reference: ReferenceLaser) -> None:
+    """Move the stamps of lasers, odometry and transforms whose clock is not that of the reference laser."""
+    laser = reference.laser
     delay_s = _delay_s(laser.stamps_ns, laser.logged_ns)
     if delay_s is None:
         return
-    turns: ScanTurns | None = None
     moved: dict[str, float] = {}
     for name, source in stamped_sources(recording):
         own_s = _delay_s(source.stamps_ns, source.logged_ns)
@@ -42,10 +39,8 @@ def align_clocks(recording: RawRecording) -> None:
             continue
         shift_s = own_s - delay_s
         shift_ns = round(shift_s * 1e9)
-        if not isinstance(source, RawLaser):
-            turns = turns_of(laser) if turns is None else turns
-            if _fits_better_as_stamped(source, turns, shift_ns):
-                continue
+        if not isinstance(source, RawLaser) and _fits_better_as_stamped(source, reference.turns, shift_ns):
+            continue
         source.stamps_ns = source.stamps_ns + shift_ns
         moved[name] = shift_s
     if moved:

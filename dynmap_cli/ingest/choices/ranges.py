@@ -185,23 +185,26 @@ def _weigh(
 ) -> tuple[Literal["free", "ignore"], str]:
     """Decide by the rules above; returns the policy and the evidence in words."""
     if no_return == 0.0:
-        return "ignore", "there are none that could be told from failed measurements"
-    shares = "; untested, for without odometry nobody knows what they cross"
+        return "ignore", "none can be told from a measurement that failed"
+    shares = "; not compared with other beams, which takes odometry and enough of them"
     if found is not None:
-        shares = f"{found.of_no_returns:.0%} of them cross what others hit ({found.of_returns:.0%} of the returns do)"
+        shares = (
+            f"{found.of_no_returns:.0%} of them would pass through what other beams hit "
+            f"({found.of_returns:.0%} of the beams with a return seem to)"
+        )
         if found.of_no_returns > max(_MOST_CONTRADICTED, _CONTRADICTED_EXCESS * found.of_returns):
-            return "ignore", f"{shares}, so they failed rather than found free space"
+            return "ignore", f"{shares}, so the laser failed to measure there rather than saw nothing"
         shares = f", and only {shares}"
     if infinite > 0.0:
-        return "free", f"the driver writes +inf (REP 117){shares}"
+        return "free", f"the recording has +inf for them, which says so (REP 117){shares}"
     if farthest_m >= _NEAR_REACH * reach_m:
-        return (
-            "free",
-            f"real returns reach {farthest_m:.1f} m, close to where the codes begin ({reach_m:.1f} m){shares}",
+        return "free", (
+            f"real returns come from up to {farthest_m:.1f} m, close to {reach_m:.1f} m, from where on a number stands "
+            f"for no return{shares}"
         )
     return "ignore", (
-        f"the codes begin at {reach_m:.1f} m but real returns end at {farthest_m:.1f} m, "
-        "so such a beam was absorbed or dazzled rather than free"
+        f"real returns end at {farthest_m:.1f} m, far below {reach_m:.1f} m, from where on a number stands for no "
+        "return, so something swallowed or dazzled these beams rather than let them through"
     )
 
 

@@ -6,7 +6,9 @@ sweeps are most alike. That is coarse, and right often enough for a median over 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -97,6 +99,21 @@ def turns_of(laser: RawLaser) -> ScanTurns:
     first_ns, second_ns = stamps_ns[starts], stamps_ns[starts + apart]
     is_told &= second_ns - first_ns < 4 * _SPAN_S * 1e9
     return ScanTurns(first_ns[is_told], second_ns[is_told], shift[is_told] * step_rad)
+
+
+class ReferenceLaser:
+    """The laser with most sweeps of a recording, by which clocks and odometry are judged before one is chosen.
+
+    Its own stamps stay as they are, so its turns are found once, when they are first asked for.
+    """
+
+    def __init__(self, lasers: Mapping[str, RawLaser]) -> None:
+        self.laser = max(lasers.values(), key=lambda one: (one.n_scans, one.name))
+
+    @cached_property
+    def turns(self) -> ScanTurns:
+        """See `turns_of`."""
+        return turns_of(self.laser)
 
 
 def _values(laser: RawLaser, rows: I64, range_max_m: float) -> F32:

@@ -10,7 +10,7 @@ from dynmap_cli.domain.poses import interpolate
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import matrices, planar, unit
 from dynmap_cli.ingest.choices.merging import Columns
-from dynmap_cli.ingest.choices.turns import ScanTurns, agreement, turns_of
+from dynmap_cli.ingest.choices.turns import ReferenceLaser, ScanTurns, agreement
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, sorted_by_stamp
 
@@ -23,9 +23,8 @@ _FARTHEST_M = 10.0
 _MOST_LOOKED_AT, _LOOKED_AT_ONCE, _BEAMS_LOOKED_AT = 256, 16, 90
 
 
-def part_tracks(recording: RawRecording) -> None:
+def part_tracks(recording: RawRecording, reference: ReferenceLaser | None) -> None:
     """Keep one of the two tracks between which poses jump: that which turns as the sweeps do, if that can be told."""
-    turns: ScanTurns | None = None
     sources: list[tuple[str, RawOdometry | RawTransform]] = [*recording.odometry.items()]
     sources += [
         (f"{parent} -> {child}", found)
@@ -35,13 +34,13 @@ def part_tracks(recording: RawRecording) -> None:
     for name, source in sources:
         apart_m = _apart_m((source.poses if isinstance(source, RawOdometry) else source.values)[:, :2])
         source.give_back()
-        if apart_m is None or not recording.lasers:
+        if apart_m is None or reference is None:
             continue
         poses = poses_of(source)
-        if turns is None:
-            turns = turns_of(max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name)))
         is_first = _first_track(poses)
-        off_rad = [_off_rad(turns, source.stamps_ns[rows], poses[rows]) for rows in (is_first, ~is_first)]
+        off_rad = [
+            _off_rad(reference.turns, source.stamps_ns[rows], poses[rows]) for rows in (is_first, ~is_first)
+        ]
         better = int(off_rad[1] < off_rad[0])
         told = "it is not clear which is that of the robot with the laser, so neither is used"
         kept = np.zeros(is_first.size, dtype=bool)

@@ -18,7 +18,8 @@ from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.kernels.beam_likelihood import beam_log_likelihoods
 from dynmap_cli.localization.sensing.map_pool import MapPool, slices_of
-from dynmap_cli.localization.sensing.sensor import NO_WINDOW, Sweep, evenly, in_chunks
+from dynmap_cli.localization.sensing.pose_chunks import weigh_in_chunks
+from dynmap_cli.localization.sensing.sensor import Sweep, evenly
 from dynmap_cli.localization.settings import LocalizationSettings
 
 UNKNOWN_REFLECTANCE = 0.1
@@ -118,17 +119,14 @@ def scan_beam_log_likelihoods(
     directions = np.stack([np.cos(sweep.directions_rad), np.sin(sweep.directions_rad)])
     floor = settings.z_rand / settings.laser_max_range
     model = np.array([settings.z_hit, floor, settings.static_prior, np.log(1.0 - UNKNOWN_REFLECTANCE)])
-    out = np.empty(poses.shape[0])
 
-    def weigh(part: slice) -> None:
-        chosen = NO_WINDOW if windows is None else windows[part]
+    def weigh(some: F64, their_windows: I32, out: F64) -> None:
         beam_log_likelihoods(
-            log_pass, frame.rows, frame.cols, frame.corner, poses[part], sweep.sensor, directions, lengths, hits,
-            chosen, model, out[part],
+            log_pass, frame.rows, frame.cols, frame.corner, some, sweep.sensor, directions, lengths, hits,
+            their_windows, model, out,
         )  # fmt: skip
 
-    in_chunks(weigh, poses.shape[0], executor)
-    return out
+    return weigh_in_chunks(weigh, poses, windows, executor)
 
 
 def _filled(states: F64, whole: F64) -> F64:

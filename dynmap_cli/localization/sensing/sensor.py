@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -14,11 +13,8 @@ from dynmap_cli.domain.grid import GridFrame
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.likelihood import field_log_likelihoods
 from dynmap_cli.kernels.sweeps import place_beams
+from dynmap_cli.localization.sensing.pose_chunks import weigh_in_chunks
 from dynmap_cli.localization.settings import LocalizationSettings
-
-POSES_PER_CHUNK = 50_000
-NO_WINDOW = np.zeros((1, 5), dtype=np.int32)
-"""All poses read from the map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,26 +127,12 @@ def scan_log_likelihoods(
     -------
     (n_poses,) float64
     """
-    n_poses = poses.shape[0]
     ends = np.ascontiguousarray((ends_m / frame.resolution_m).T, dtype=np.float32)
-    out = np.empty(n_poses)
 
-    def weigh(part: slice) -> None:
-        chosen = NO_WINDOW if windows is None else windows[part]
+    def weigh(some: F64, their_windows: I32, out: F64) -> None:
         index = np.empty(ends.shape[1], dtype=np.int32)
         field_log_likelihoods(
-            pool, frame.rows, frame.cols, frame.corner, poses[part], ends, chosen, index, out[part]
+            pool, frame.rows, frame.cols, frame.corner, some, ends, their_windows, index, out
         )
 
-    in_chunks(weigh, n_poses, executor)
-    return out
-
-
-def in_chunks(weigh: Callable[[slice], None], n_poses: int, executor: ThreadPoolExecutor | None) -> None:
-    """Do the work for all poses, in fixed parts that threads may share."""
-    chunks = [slice(k, k + POSES_PER_CHUNK) for k in range(0, n_poses, POSES_PER_CHUNK)]
-    if executor is None or len(chunks) == 1:
-        for chunk in chunks:
-            weigh(chunk)
-    else:
-        list(executor.map(weigh, chunks))
+    return weigh_in_chunks(weigh, poses, windows, executor)
