@@ -10,7 +10,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.ingest.choices.frames import FrameTree, Mounting
 from dynmap_cli.ingest.choices.lasers import LaserChoice
 from dynmap_cli.ingest.choices.merging import Drive
-from dynmap_cli.ingest.choices.odometry import Odometry
+from dynmap_cli.ingest.choices.odometry_sources import Odometry
 from dynmap_cli.ingest.choices.ranges import NoReturn
 from dynmap_cli.ingest.choices.timing import timing_of
 from dynmap_cli.ingest.choices.track_quality import quality_of

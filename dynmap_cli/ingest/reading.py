@@ -46,11 +46,8 @@ from dynmap_cli.ingest.choices.merging import (
     joined_logs,
 )
 from dynmap_cli.ingest.choices.mountings import mounting_of, robot_turns, turned_over
-from dynmap_cli.ingest.choices.odometry import (
-    Odometry,
-    ends_without_odometry,
-    find_odometry,
-)
+from dynmap_cli.ingest.choices.odometry import ends_without_odometry, find_odometry
+from dynmap_cli.ingest.choices.odometry_sources import Odometry, find_candidates
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.renamed import join_renamed
@@ -136,10 +133,14 @@ def _merge_drive(
     mountings = [mounting_of(choice, settings, joined) for choice in used]
     columns, out_of_order = columns_of([choice.view.laser for choice in used], joined.dropped, folder)
     joined.give_back()
-    turns = [robot_turns(choice, mounting) for choice, mounting in zip(used, mountings, strict=True)]
-    odometry = find_odometry(
-        joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, turns[0], settings
+    candidates = find_candidates(
+        joined, tree, base, [choice.view.laser for choice in used], columns.stamps_ns, settings
     )
+    headings = candidates.headings(columns.stamps_ns)
+    turns = [
+        robot_turns(choice, mounting, headings) for choice, mounting in zip(used, mountings, strict=True)
+    ]
+    odometry = find_odometry(joined, tree, base, candidates, columns.stamps_ns, turns[0], settings)
     odometry = mend_heading(odometry, columns, turns[0], mountings[0], joined)
     for number, choice in enumerate(used):
         if agreement_at(turns[number], columns.stamps_ns, odometry.poses).is_mirrored:

@@ -18,7 +18,7 @@ _LAG_STEPS, _SMOOTHING = 5, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 _TURN_CAP_RAD = 0.05
 _CLEARLY_LESS, _LESS_THAN_WITHOUT = 0.95, 0.97
 _BLOCK_RAD, _BLOCK_M = 0.1, 1.0
-_SCALE_PRIOR_RAD, _BIAS_PRIOR_M = 3.0, 10.0
+_SCALE_PRIOR_RAD, _BIAS_PRIOR_M, _SCALE_ROUNDS = 3.0, 10.0, 3
 
 
 def corrected_motion(odometry: F64, times_s: F64, calibration: Calibration) -> F64:
@@ -163,9 +163,10 @@ def _best_lag(
 ) -> tuple[float, float]:
     """Lag with the least residual turn, by a grid and a parabola; returns lag and loss.
 
-    Headings are smoothed, and turns over several steps are compared. Between two scans odometry is interpolated, which
-    averages the noise of single steps, so without that a lag of half a scan looks better than none where noise is all
-    there is.
+    Headings are smoothed, and turns over several steps are compared, each time with the scale that fits best: where
+    turns are counted an eighth too small, that is most of what is left of them, whatever the lag. Between two scans
+    odometry is interpolated, which averages the noise of single steps, so without smoothing a lag of half a scan looks
+    better than none where noise is all there is.
     """
     limit = _MAX_LAG_S if in_seconds else _MAX_LAG_SCANS
     lags = np.linspace(-limit, limit, 61)
@@ -177,7 +178,7 @@ def _best_lag(
     losses = np.empty(lags.size)
     for k, lag in enumerate(lags):
         shifted = _shifted(odometry, times_s, 0.0 if in_seconds else lag, lag if in_seconds else 0.0)
-        residual = np.abs(found - _smooth_turns(np.unwrap(shifted[:, 2]))[whole])
+        residual = np.abs(_without_scale(found, _smooth_turns(np.unwrap(shifted[:, 2]))[whole]))
         losses[k] = np.minimum(residual, _TURN_CAP_RAD * np.sqrt(_LAG_STEPS)).mean()
     best = int(np.argmin(losses))
     without = float(losses[lags.size // 2])
@@ -193,6 +194,23 @@ def _smooth_turns(headings: F64) -> F64:
     """Turns over some steps between smoothed headings, one for each run of steps that enters."""
     smooth = np.convolve(headings, _SMOOTHING, mode="valid")
     return np.asarray(smooth[_LAG_STEPS:] - smooth[:-_LAG_STEPS])
+
+
+def _without_scale(found: F64, turns: F64) -> F64:
+    """What is left of turns (n,) of the scans without those of the odometry (n,), times their scale.
+
+    The scale explains the turns of the odometry by those of the scans, reweighted, with a weak prior of 1, as that of
+    all steps does.
+    """
+    share = 1.0
+    prior = _SCALE_PRIOR_RAD * 1e-2
+    for _ in range(_SCALE_ROUNDS):
+        residual = turns - share * found
+        spread = 1.48 * float(np.median(np.abs(residual))) + 1e-4
+        weighted = found / (1.0 + (residual / (2.0 * spread)) ** 2)
+        share = (float(weighted @ turns) + prior) / (float(weighted @ found) + prior)
+        share = min(max(share, 0.5), 2.0)
+    return found - turns / share
 
 
 def _robust_turns(turns: F64, distances: F64, found: F64) -> tuple[float, float]:

@@ -117,6 +117,19 @@ def test_odometry_without_sign_is_told_from_one_that_has_it():
     assert not lacks_sign(signless, poses, ~GOOD)
 
 
+@pytest.mark.parametrize("lag", [-0.9, 0.7])
+@pytest.mark.parametrize("scale", [0.85, 1.15])
+def test_a_lag_is_found_where_turns_are_counted_wrong_and_noisy(scale, lag):
+    """Most of what is left of the turns is their scale, not the lag; as where a robot with six wheels turns."""
+    poses, times = drive()
+    turns = np.random.default_rng(3).normal(0.0, 0.004, len(poses)).cumsum()
+    noisy = poses + np.column_stack([np.zeros((len(poses), 2)), turns])
+    odometry = delayed(odometry_of(poses, scale=scale), lag)
+    found = calibrate(odometry, times, noisy, GOOD, GOOD, reversible=False)
+    assert abs(found.lag_scans + found.lag_s / 0.2 - lag) < 0.15
+    assert found.rotation_scale == pytest.approx(scale, abs=0.03)
+
+
 def test_without_odometry_there_is_nothing_to_correct():
     missing = np.full((10, 3), np.nan)
     assert not np.isfinite(corrected_motion(missing, np.arange(10.0), Calibration())[1:]).any()

@@ -22,7 +22,7 @@ from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.ingest.choices.frames import Mounting
 from dynmap_cli.ingest.choices.merging import Columns
-from dynmap_cli.ingest.choices.odometry import Odometry
+from dynmap_cli.ingest.choices.odometry_sources import Odometry
 from dynmap_cli.ingest.choices.turns import ScanTurns, agreement_at
 from dynmap_cli.ingest.raw.columns import counts_of
 from dynmap_cli.ingest.raw.laser import ScanShape

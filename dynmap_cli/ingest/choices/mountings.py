@@ -9,7 +9,7 @@ import numpy as np
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import Mounting
 from dynmap_cli.ingest.choices.lasers import LaserChoice
-from dynmap_cli.ingest.choices.turns import ScanTurns, turns_of
+from dynmap_cli.ingest.choices.turns import Headings, ScanTurns, turns_of
 from dynmap_cli.ingest.raw.recording import RawRecording
 from dynmap_cli.ingest.settings import IngestSettings
 
@@ -39,10 +39,12 @@ def mounting_of(choice: LaserChoice, settings: IngestSettings, joined: RawRecord
     return _AT_CENTRE
 
 
-def robot_turns(choice: LaserChoice, mounting: Mounting) -> ScanTurns:
-    """How the robot turned by the sweeps of a laser."""
-    turns = turns_of(choice.view.laser)
-    return replace(turns, turns_rad=-turns.turns_rad) if mounting.is_upside_down else turns
+def robot_turns(choice: LaserChoice, mounting: Mounting, headings: Headings) -> ScanTurns:
+    """How the robot turned by the sweeps of a laser, above all where odometries turn."""
+    turns = turns_of(choice.view.laser, headings)
+    if mounting.is_upside_down:
+        turns = replace(turns, turns_rad=-turns.turns_rad, bearings_rad=-turns.bearings_rad)
+    return replace(turns, robot_from_sensor=mounting.robot_from_sensor)
 
 
 def turned_over(mounting: Mounting, name: str, joined: RawRecording) -> Mounting:

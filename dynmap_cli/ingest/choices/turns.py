@@ -2,29 +2,60 @@
 
 When a laser turns by d, what was at the bearing b + d is at b: the turn is the shift of the readings under which two
 sweeps are most alike. That is coarse, and right often enough for a median over many pairs of sweeps.
+
+A robot mostly drives straight on, which says nothing of its turns. So half of the pairs are those in which an odometry,
+if there is one, turns most; the others are spread evenly, as odometry may be wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
 
 _SPAN_S, _LEAST_STEP_S = 0.5, 1e-3
 _MOST_PAIRS, _BEAMS_COMPARED = 200, 90
 _STEP_RAD, _FARTHEST_RAD = np.radians(1.0), np.radians(60.0)
+_WITHIN_REACH_RAD = np.radians(45.0)
 _CAP_M = 0.5
 _ALIKE = 0.5
 _LEAST_OVERLAP = 0.3
 _TURNING_RAD = np.radians(6.0)
-_LEAST_TURNING, _MANY_TURNING = 8, 25
+_LEAST_TURNING = 8
 _CLEARLY = 0.4
+_CHANCE = 1e-3
+"""Of as many pairs or more being mirrored, were each as likely to be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Headings:
+    """Odometries that may be used, at the sweeps.
+
+    Attributes
+    ----------
+    stamps_ns : (n,) int64
+        Ascending.
+    tracks : sequence of (n, 3) float64
+        Poses of each; NaN = none.
+    """
+
+    stamps_ns: I64
+    tracks: Sequence[F64]
+
+    def turned_rad(self, first_ns: I64, second_ns: I64) -> F64:
+        """(m,) how far that odometry turned which turned most; 0 where nobody knows."""
+        most = np.zeros(first_ns.size)
+        for poses in self.tracks:
+            yaws = [poses[rows_at(self.stamps_ns, at_ns), 2] for at_ns in (first_ns, second_ns)]
+            most = np.fmax(most, np.abs(wrap_angle(yaws[1] - yaws[0])))
+        return most
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +65,24 @@ class ScanTurns:
     Attributes
     ----------
     first_ns, second_ns : (n,) int64
-        Stamps of the sweeps, about half a second apart.
+        Stamps of the sweeps, about half a second apart, less where the robot turns too far in that time.
     turns_rad : (n,) float64
         Counter-clockwise in the frame of the laser, as its bearings run.
+    before_m, after_m : (n, n_beams) float32
+        Ranges of these sweeps, of every so many beams; NaN = no return.
+    bearings_rad : (n_beams,) float64
+        Where these beams point.
+    robot_from_sensor : (3,) float64
+        Where the laser sits, as far as is known.
     """
 
     first_ns: I64
     second_ns: I64
     turns_rad: F64
+    before_m: F32
+    after_m: F32
+    bearings_rad: F64
+    robot_from_sensor: F64 = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,45 +92,54 @@ class Agreement:
     Attributes
     ----------
     n_pairs : int
+        Of which no two overlap in time.
     same_rad, opposite_rad, still_rad : float
         Median of what is left of the turns of the sweeps without those of the odometry, with them, and as they are;
         inf where fewer pairs turn than say anything.
+    opposite : float
+        Share of the pairs in which least is left with the turns of the odometry.
     """
 
     n_pairs: int
     same_rad: float
     opposite_rad: float
     still_rad: float
+    opposite: float
 
     @property
     def is_mirrored(self) -> bool:
         """Whether the sweeps clearly turn against the odometry, as those of a laser that hangs upside down."""
-        least_rad = min(self.same_rad, self.still_rad)
-        return self.n_pairs >= _MANY_TURNING and self.opposite_rad < _CLEARLY * least_rad
+        if self.opposite_rad >= _CLEARLY * min(self.same_rad, self.still_rad):
+            return False
+        return chance_of(round(self.opposite * self.n_pairs), self.n_pairs) < _CHANCE
 
 
-NO_AGREEMENT = Agreement(0, np.inf, np.inf, np.inf)
+def chance_of(n_found: int, n_pairs: int) -> float:
+    """Chance that so many or more of the pairs go one way where either is as likely: the tail of a sign test."""
+    return sum(math.comb(n_pairs, k) for k in range(n_found, n_pairs + 1)) * 0.5**n_pairs
 
 
-def turns_of(laser: RawLaser) -> ScanTurns:
-    """Find how a laser turned, by pairs of its sweeps of the usual shape."""
+NO_AGREEMENT = Agreement(0, np.inf, np.inf, np.inf, 0.0)
+
+
+def rows_at(stamps_ns: I64, at_ns: I64) -> I64:
+    """Rows (m,) of the stamps (n,), ascending, at or after each of the times."""
+    return np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1)
+
+
+def turns_of(laser: RawLaser, headings: Headings | None = None) -> ScanTurns:
+    """Find how a laser turned, by pairs of its sweeps of the usual shape, many of them where odometries turn."""
     usual = int(np.argmax(np.bincount(laser.shape_index)))
     rows = np.flatnonzero(laser.shape_index == usual)
     stamps_ns = laser.stamps_ns[rows]
     order = np.argsort(stamps_ns, kind="stable")
     rows, stamps_ns = rows[order], stamps_ns[order]
     shape = laser.shape_table[usual]
-    nothing = ScanTurns(stamps_ns[:0], stamps_ns[:0], np.zeros(0))
-    steps_s = np.diff(stamps_ns) * 1e-9
     every = max(1, round(_STEP_RAD / max(abs(shape.increment_rad), 1e-9)))
     n_kept = -(-shape.n_beams // every)
-    if rows.size < 2 or n_kept < 2:
-        return nothing
-    apart = max(1, round(_SPAN_S / max(float(np.median(steps_s)), _LEAST_STEP_S)))
-    starts = np.arange(rows.size - apart)
+    starts, apart = _pairs_of(stamps_ns, headings) if n_kept > 1 else (rows[:0], 1)
     if not starts.size:
-        return nothing
-    starts = starts[np.linspace(0, starts.size - 1, min(_MOST_PAIRS, starts.size)).astype(np.int64)]
+        return _no_turns(shape)
     step_rad = every * shape.increment_rad
     n_shifts = min(int(_FARTHEST_RAD / abs(step_rad)), int((1.0 - _LEAST_OVERLAP) * n_kept))
     before, after = (
@@ -98,7 +148,46 @@ def turns_of(laser: RawLaser) -> ScanTurns:
     shift, is_told = _best_shifts(before, after, n_shifts)
     first_ns, second_ns = stamps_ns[starts], stamps_ns[starts + apart]
     is_told &= second_ns - first_ns < 4 * _SPAN_S * 1e9
-    return ScanTurns(first_ns[is_told], second_ns[is_told], shift[is_told] * step_rad)
+    return ScanTurns(
+        first_ns[is_told],
+        second_ns[is_told],
+        shift[is_told] * step_rad,
+        before[is_told],
+        after[is_told],
+        shape.bearings_rad[::every],
+    )
+
+
+def _no_turns(shape: ScanShape) -> ScanTurns:
+    """Of a laser with too few sweeps or beams."""
+    stamps_ns, ranges_m = np.zeros(0, dtype=np.int64), np.zeros((0, shape.n_beams), dtype=np.float32)
+    return ScanTurns(stamps_ns, stamps_ns, np.zeros(0), ranges_m, ranges_m, shape.bearings_rad)
+
+
+def _pairs_of(stamps_ns: I64, headings: Headings | None) -> tuple[I64, int]:
+    """First sweeps (n,) of the pairs, and after how many comes the second, so that the turn can be told."""
+    steps_s = np.diff(stamps_ns) * 1e-9
+    if not steps_s.size:
+        return np.zeros(0, dtype=np.int64), 1
+    apart = max(1, round(_SPAN_S / max(float(np.median(steps_s)), _LEAST_STEP_S)))
+    turning, turned_rad = _turning(stamps_ns, headings, apart)
+    while apart > 1 and turning.size and np.median(turned_rad) > _WITHIN_REACH_RAD:
+        apart = -(-apart // 2)
+        turning, turned_rad = _turning(stamps_ns, headings, apart)
+    most = np.argsort(-turned_rad, kind="stable")[: _MOST_PAIRS // 2]
+    n_even = min(_MOST_PAIRS - most.size, max(stamps_ns.size - apart, 0))
+    even = np.linspace(0, stamps_ns.size - apart - 1, n_even).astype(np.int64)
+    return np.union1d(even, turning[most]), apart
+
+
+def _turning(stamps_ns: I64, headings: Headings | None, apart: int) -> tuple[I64, F64]:
+    """Sweeps (m,) after which an odometry turns, each span after the one before, and how far (m,)."""
+    starts = np.arange(0, stamps_ns.size - apart, apart)
+    if headings is None:
+        return starts[:0], np.zeros(0)
+    turned_rad = headings.turned_rad(stamps_ns[starts], stamps_ns[starts + apart])
+    is_turning = turned_rad > _TURNING_RAD
+    return starts[is_turning], turned_rad[is_turning]
 
 
 class ReferenceLaser:
@@ -165,22 +254,30 @@ def agreement(turns: ScanTurns, yaws_rad: tuple[F64, F64]) -> Agreement:
     is_turning = np.isfinite(driven_rad) & (
         (np.abs(driven_rad) > _TURNING_RAD) | (np.abs(turns.turns_rad) > _TURNING_RAD)
     )
-    n_pairs = int(np.count_nonzero(is_turning))
-    if n_pairs < _LEAST_TURNING:
+    if np.count_nonzero(is_turning) < _LEAST_TURNING:
         return NO_AGREEMENT
     seen_rad, driven_rad = turns.turns_rad[is_turning], driven_rad[is_turning]
+    left_rad = np.abs(wrap_angle(np.stack([seen_rad - driven_rad, seen_rad + driven_rad, seen_rad])))
+    same_rad, opposite_rad, still_rad = np.median(left_rad, axis=1).tolist()
     return Agreement(
-        n_pairs,
-        float(np.median(np.abs(wrap_angle(seen_rad - driven_rad)))),
-        float(np.median(np.abs(wrap_angle(seen_rad + driven_rad)))),
-        float(np.median(np.abs(seen_rad))),
+        _n_apart(turns.first_ns[is_turning], turns.second_ns[is_turning]),
+        same_rad,
+        opposite_rad,
+        still_rad,
+        float(np.mean(np.argmin(left_rad, axis=0) == 1)),
     )
+
+
+def _n_apart(first_ns: I64, second_ns: I64) -> int:
+    """How many pairs there are of which no two overlap; pairs (n,) are in the order of time."""
+    n_apart, end_ns = 0, first_ns[0]
+    for begin_ns, finish_ns in zip(first_ns.tolist(), second_ns.tolist(), strict=True):
+        if begin_ns >= end_ns:
+            n_apart, end_ns = n_apart + 1, finish_ns
+    return n_apart
 
 
 def agreement_at(turns: ScanTurns, stamps_ns: I64, poses: F64) -> Agreement:
     """Compare the turns of sweeps with poses (n, 3) of an odometry at the stamps (n,), ascending, of all sweeps."""
-    rows = [
-        np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1)
-        for at_ns in (turns.first_ns, turns.second_ns)
-    ]
-    return agreement(turns, (poses[rows[0], 2], poses[rows[1], 2]))
+    yaws = [poses[rows_at(stamps_ns, at_ns), 2] for at_ns in (turns.first_ns, turns.second_ns)]
+    return agreement(turns, (yaws[0], yaws[1]))
