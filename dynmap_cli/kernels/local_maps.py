@@ -50,7 +50,7 @@ def collect_local_map(
     sums : (side, side, 3) int64
         Zero scratch of fine cells around the anchor; zero again on return.
     points, normals : (n, 2) float32
-        Filled; a normal of (0, 0) = no line there.
+        Filled; a normal looks to the side from which the line was seen; (0, 0) = no line there.
     free : (FREE_SIDE, FREE_SIDE) uint8
         Filled: 1 where beams passed and nothing was hit in the cell or next to it.
 
@@ -64,7 +64,7 @@ def collect_local_map(
     one = 1 << 20
     n_beams = ranges_m.shape[1]
     end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
-    touched = np.empty((points.shape[0], 2), np.int32)
+    touched, seen_from = np.empty((points.shape[0], 2), np.int32), np.empty((points.shape[0], 2))
     count = 0
     for row in range(FREE_SIDE):
         for col in range(FREE_SIDE):
@@ -110,6 +110,7 @@ def collect_local_map(
                 if count == points.shape[0]:
                     continue
                 touched[count, 0], touched[count, 1] = row, col
+                seen_from[count, 0], seen_from[count, 1] = sx, sy
                 count += 1
             sums[row, col, 0] += int(round(weight * one))
             sums[row, col, 1] += int(round(weight * (x - math.floor(x)) * one))
@@ -142,7 +143,10 @@ def collect_local_map(
             mean, spread = 0.5 * (cxx + cyy), math.sqrt(0.25 * (cxx - cyy) ** 2 + cxy * cxy)
             if mean - spread <= 0.25 * (mean + spread) and mean + spread >= 0.3:
                 angle = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
-                normals[k, 0], normals[k, 1] = -math.sin(angle), math.cos(angle)
+                nx, ny = -math.sin(angle), math.cos(angle)
+                if nx * (seen_from[k, 0] - points[k, 0]) + ny * (seen_from[k, 1] - points[k, 1]) < 0.0:
+                    nx, ny = -nx, -ny
+                normals[k, 0], normals[k, 1] = nx, ny
         col = int(math.floor(points[k, 0] / FREE_CELL_M)) + half_free
         row = int(math.floor(points[k, 1] / FREE_CELL_M)) + half_free
         for r in range(max(row - 1, 0), min(row + 2, FREE_SIDE)):

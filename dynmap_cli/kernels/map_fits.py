@@ -22,6 +22,8 @@ from dynmap_cli.kernels.matching import thin_points
 
 MATCHED, SEEN, IN_FREE, RESIDUAL = 0, 1, 2, 3
 """Columns of what is judged."""
+_OTHER_SIDE = -0.5
+"""Cosine between normals under which two lines are the two sides of a wall, each seen from where the other is not."""
 
 
 @kernel
@@ -131,8 +133,16 @@ def _nearest(x_m: float, y_m: float, drawn_points: F32, index: I32) -> int:
 
 
 @kernel
+def _is_other_side(cos: float, sin: float, normals: F32, k: int, nx: float, ny: float) -> bool:
+    """Whether a moved point lies on the other side of the drawn line; unknown where either has no normal."""
+    mx, my = float(normals[k, 0]), float(normals[k, 1])
+    return (cos * mx - sin * my) * nx + (sin * mx + cos * my) * ny < _OTHER_SIDE
+
+
+@kernel
 def refine_local_map(
     points: F32,
+    normals: F32,
     count: int,
     drawn_points: F32,
     drawn_normals: F32,
@@ -147,8 +157,8 @@ def refine_local_map(
 
     Parameters
     ----------
-    points, count
-        The map that is moved.
+    points, normals, count
+        The map that is moved; its lines are matched with those seen from the same side.
     drawn_points, drawn_normals, index, field
         The drawn map.
     pose : (3,) float64
@@ -206,6 +216,8 @@ def refine_local_map(
             nx, ny = float(drawn_normals[nearest, 0]), float(drawn_normals[nearest, 1])
             if ex * ex + ey * ey > reach * reach or (nx == 0.0 and ny == 0.0):
                 continue
+            if _is_other_side(cos, sin, normals, k, nx, ny):
+                continue
             residual = nx * ex + ny * ey
             w = 1.0 / (1.0 + (residual / scale) ** 2) ** 2
             turn = -nx * py + ny * px
@@ -243,6 +255,7 @@ def refine_local_map(
 @kernel
 def judge_fit(
     points: F32,
+    normals: F32,
     count: int,
     drawn_points: F32,
     drawn_normals: F32,
@@ -254,9 +267,12 @@ def judge_fit(
 ) -> None:
     """Write which shares of the moved map's points match the drawn map, are seen by it, and lie in its free space.
 
+    What lies on the other side of a line of the drawn map is not seen by it. A corridor laid beside itself, the left
+    wall of the one on the right wall of the other, would match as well as where it belongs.
+
     Parameters
     ----------
-    points, count, drawn_points, drawn_normals, index
+    points, normals, count, drawn_points, drawn_normals, index
         As for `refine_local_map`.
     drawn_free : (FREE_SIDE, FREE_SIDE) uint8
     pose : (3,) float64
@@ -279,7 +295,7 @@ def judge_fit(
             squared = ex * ex + ey * ey
             across = abs(nx * ex + ny * ey)
             if squared < 0.08**2 or (squared < 0.125**2 and across < 0.08 and (nx != 0.0 or ny != 0.0)):
-                matched += 1
+                matched += not _is_other_side(cos, sin, normals, k, nx, ny)
                 continue
         col, row = int(math.floor(x / FREE_CELL_M)) + half, int(math.floor(y / FREE_CELL_M)) + half
         if 0 <= row < FREE_SIDE and 0 <= col < FREE_SIDE and drawn_free[row, col]:
@@ -324,7 +340,7 @@ def fit_scans(
     """
     n_beams = ranges_m.shape[1]
     end_points, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
-    points = np.empty((n_beams, 2), np.float32)
+    points, normals = np.empty((n_beams, 2), np.float32), np.zeros((n_beams, 2), np.float32)
     one = int(np.int64(1))  # a literal would compile the kernels that are called once more
     for s in range(ranges_m.shape[0]):
         n = thin_points(
@@ -342,6 +358,9 @@ def fit_scans(
                 points[count, 0], points[count, 1] = end_points[k, 0], end_points[k, 1]
                 count += 1
         judged[s, RESIDUAL] = refine_local_map(
-            points, count, drawn_points, drawn_normals, index, field, poses[s], information[s], one, one
+            points, normals, count, drawn_points, drawn_normals, index, field, poses[s], information[s],
+            one, one,
+        )  # fmt: skip
+        judge_fit(
+            points, normals, count, drawn_points, drawn_normals, drawn_free, index, poses[s], one, judged[s]
         )
-        judge_fit(points, count, drawn_points, drawn_normals, drawn_free, index, poses[s], one, judged[s])

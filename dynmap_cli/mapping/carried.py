@@ -165,8 +165,8 @@ class _Judge:
         self._after.draw(new)
         return any(
             max(
-                self._before.judge(new.points, guess).matched_of_seen,
-                self._after.judge(old.points, inverse(guess)).matched_of_seen,
+                self._before.judge(new, guess).matched_of_seen,
+                self._after.judge(old, inverse(guess)).matched_of_seen,
             )
             > _SURELY_AGREE_SHARE
             for guess in guesses
@@ -180,7 +180,7 @@ class _Judge:
             for fit in self._before.search(new, guess, _NEAR_M, _NEAR_RAD):
                 error = between(guess, fit.pose)
                 is_near = np.hypot(error[0], error[1]) < _NEAR_M and abs(error[2]) < _NEAR_RAD
-                back = self._after.judge(old.points, inverse(fit.pose))
+                back = self._after.judge(old, inverse(fit.pose))
                 if is_near and max(fit.matched_of_seen, back.matched_of_seen) > _AGREE_SHARE:
                     return True
         return False
@@ -196,8 +196,8 @@ class _Judge:
         self._after.draw(new)
         return all(
             max(
-                self._before.judge(new.points, guess).in_free,
-                self._after.judge(old.points, inverse(guess)).in_free,
+                self._before.judge(new, guess).in_free,
+                self._after.judge(old, inverse(guess)).in_free,
             )
             > _IN_FREE_SHARE
             for guess in guesses

@@ -41,7 +41,7 @@ class LocalMap:
     anchor : int
         Number of the middle key scan.
     points, normals : (n, 2) float32
-        Hit centroids and the normals of the lines through them; (0, 0) = no line.
+        Hit centroids and the normals of the lines through them, to the side they were seen from; (0, 0) = no line.
     packed_free : (FREE_SIDE, ceil(FREE_SIDE / 8)) uint8
         The mask `free`, eight cells to a byte: a long recording has thousands of maps.
     """
@@ -250,20 +250,19 @@ class Easel:
         if count == 0 or not places[0, 3] > 0.0:
             return []
         promising = places[:count][places[:count, 3] >= _PROMISING * places[0, 3]]
-        fits = [
-            self.fit(moved.points, place[:3], polish=False, n_points=_POINTS_TO_TRY) for place in promising
-        ]
+        fits = [self.fit(moved, place[:3], polish=False, n_points=_POINTS_TO_TRY) for place in promising]
         fits.sort(key=lambda fit: -fit.matched)
-        return [self.fit(moved.points, fits[0].pose, polish=True), *fits[1:]]
+        return [self.fit(moved, fits[0].pose, polish=True), *fits[1:]]
 
-    def fit(self, points: F32, start: F64, *, polish: bool, n_points: int = _POINTS_TO_FIT) -> Fit:
-        """Fit of points (n, 2) near a start; *polish* = the start is within a few centimetres."""
-        stride = max(1, points.shape[0] // n_points)
+    def fit(self, moved: LocalMap, start: F64, *, polish: bool, n_points: int = _POINTS_TO_FIT) -> Fit:
+        """Fit of a map near a start; *polish* = the start is within a few centimetres."""
+        stride = max(1, moved.points.shape[0] // n_points)
         drawn = self._require()
         pose, information = start.astype(np.float64).copy(), np.zeros((3, 3))
         residual = refine_local_map(
-            points,
-            points.shape[0],
+            moved.points,
+            moved.normals,
+            moved.points.shape[0],
             drawn.points,
             drawn.normals,
             self._index,
@@ -273,7 +272,7 @@ class Easel:
             stride,
             int(polish),
         )
-        return self._judged(points, pose, information, residual, stride)
+        return self._judged(moved, pose, information, residual, stride)
 
     def fit_scans(
         self, sweeps: Sweeps, rays: Rays, twists: F64, scans: I64, starts: F64
@@ -309,17 +308,18 @@ class Easel:
             )
         return poses, information, judged
 
-    def judge(self, points: F32, pose: F64) -> Fit:
+    def judge(self, moved: LocalMap, pose: F64) -> Fit:
         """Shares at a given pose, without refinement."""
-        stride = max(1, points.shape[0] // _POINTS_TO_FIT)
-        return self._judged(points, pose, np.zeros((3, 3)), 0.0, stride)
+        stride = max(1, moved.points.shape[0] // _POINTS_TO_FIT)
+        return self._judged(moved, pose, np.zeros((3, 3)), 0.0, stride)
 
-    def _judged(self, points: F32, pose: F64, information: F64, residual_m: float, stride: int) -> Fit:
+    def _judged(self, moved: LocalMap, pose: F64, information: F64, residual_m: float, stride: int) -> Fit:
         drawn = self._require()
         shares = np.zeros(3)
         judge_fit(
-            points,
-            points.shape[0],
+            moved.points,
+            moved.normals,
+            moved.points.shape[0],
             drawn.points,
             drawn.normals,
             self._free,

@@ -170,7 +170,7 @@ class LoopSearch:
             chosen = near[:: max(1, near.size // 4)]
             for moved, pose in zip(chosen, between(poses[fixed], poses[chosen]), strict=True):
                 n_pairs += 1
-                fit = self._easel.judge(self.maps[moved].points, pose)
+                fit = self._easel.judge(self.maps[moved], pose)
                 if fit.in_free > 0.25:
                     bad.append((fixed, int(moved)))
         return len(bad) / max(n_pairs, 1), bad
@@ -274,7 +274,7 @@ class LoopSearch:
         kept = []
         for loop in sorted(found, key=lambda loop: (loop.moved, loop.fixed)):
             self._easel.draw(self.maps[loop.moved])
-            back = self._easel.judge(self.maps[loop.fixed].points, inverse(loop.fit.pose))
+            back = self._easel.judge(self.maps[loop.fixed], inverse(loop.fit.pose))
             if (
                 back.in_free > self.params.max_in_free
                 or back.matched_of_seen < self.params.min_matched_of_seen

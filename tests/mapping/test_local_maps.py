@@ -18,7 +18,7 @@ from dynmap_cli.kernels.local_maps import (
     draw_local_map,
 )
 from dynmap_cli.kernels.map_fits import judge_fit, search_coarse
-from dynmap_cli.mapping.local_maps import Easel, make_local_maps
+from dynmap_cli.mapping.local_maps import Easel, LocalMap, make_local_maps
 from dynmap_cli.scan_matching.sweeps import sweeps_of
 from tests.reference.mapping import plain_coarse_field, plain_judge, plain_local_map, plain_normal
 
@@ -95,6 +95,7 @@ def test_a_local_map_has_the_centroids_and_normals_of_the_plain_one(world):
             agree += not normal.any()
         else:
             agree += abs(abs(float(plain @ normal)) - 1.0) < 1e-3
+            agree -= bool(normal @ (x, y) > 0)  # the room is seen from within
     assert agree > 0.98 * first.points.shape[0]
 
 
@@ -179,9 +180,9 @@ def test_judged_shares_match_the_plain_count(world, offset):
     index = np.full((SIZE, SIZE), -1, dtype=np.int32)
     field, coarse = np.zeros((SIZE, SIZE), np.uint8), np.zeros((COARSE, COARSE), np.uint8)
     draw_local_map(a.points, len(a.points), 1, index, field, coarse)
-    points, out = b.points[::5].copy(), np.zeros(3)
-    judge_fit(points, len(points), a.points, a.normals, a.free, index, np.array(offset), 1, out)
-    expected = plain_judge(points, offset, a.points, a.normals, a.free, CELL_M, FREE_CELL_M)
+    points, normals, out = b.points[::5].copy(), b.normals[::5].copy(), np.zeros(3)
+    judge_fit(points, normals, len(points), a.points, a.normals, a.free, index, np.array(offset), 1, out)
+    expected = plain_judge(points, normals, offset, a.points, a.normals, a.free, CELL_M, FREE_CELL_M)
     np.testing.assert_allclose(out, expected, atol=0.01)
 
 
@@ -203,5 +204,26 @@ def test_a_map_put_in_the_wrong_place_lies_in_free_space(world):
     true = between(poses[maps[0].anchor], poses[maps[-1].anchor])
     easel = Easel()
     easel.draw(maps[0])
-    wrong = easel.judge(maps[-1].points, compose(true, np.array([0.8, 0.6, 0.3])))
+    wrong = easel.judge(maps[-1], compose(true, np.array([0.8, 0.6, 0.3])))
     assert wrong.in_free > 0.25
+
+
+def corridor_map():
+    """A bare corridor 2 m wide, seen from its middle."""
+    x = np.arange(-6.0, 6.0, CELL_M) + CELL_M / 2
+    walls = [np.column_stack([x, np.full(x.size, side)]) for side in (-1.0, 1.0)]
+    normals = [np.tile([0.0, -side], (x.size, 1)) for side in (-1.0, 1.0)]
+    free = np.zeros((FREE_SIDE, FREE_SIDE), dtype=np.uint8)
+    free[FREE_SIDE // 2 - 8 : FREE_SIDE // 2 + 8] = 1
+    points, normals = (np.concatenate(part).astype(np.float32) for part in (walls, normals))
+    return LocalMap(0, points, normals, np.packbits(free, axis=1))
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi])
+def test_a_corridor_does_not_match_on_the_other_side_of_its_wall(turn):
+    easel = Easel()
+    easel.draw(corridor_map())
+    here = easel.judge(corridor_map(), np.array([0.0, 0.0, turn]))
+    beside = easel.judge(corridor_map(), np.array([0.0, 2.0, turn]))
+    assert here.matched == here.seen == 1.0
+    assert beside.matched == beside.seen == beside.in_free == 0.0

@@ -137,7 +137,7 @@ def plain_coarse_field(points, coarse_m):
     return field
 
 
-def plain_judge(points, pose, drawn_points, drawn_normals, free, cell_m, free_cell_m):
+def plain_judge(points, normals, pose, drawn_points, drawn_normals, free, cell_m, free_cell_m):
     """Shares matched, seen and in free space of moved points, point by point."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     matched = in_free = 0
@@ -145,10 +145,11 @@ def plain_judge(points, pose, drawn_points, drawn_normals, free, cell_m, free_ce
     drawn_cells = {}
     for k, (x, y) in enumerate(drawn_points):
         drawn_cells[math.floor(y / cell_m), math.floor(x / cell_m)] = k
-    for px, py in points:
+    for (px, py), normal in zip(points, normals, strict=True):
         x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
         row, col = math.floor(y / cell_m), math.floor(x / cell_m)
-        fits = False
+        turned = np.array([c * normal[0] - s * normal[1], s * normal[0] + c * normal[1]])
+        fits = fits_behind = False
         for dr in range(-2, 3):
             for dc in range(-2, 3):
                 k = drawn_cells.get((row + dr, col + dc))
@@ -156,11 +157,15 @@ def plain_judge(points, pose, drawn_points, drawn_normals, free, cell_m, free_ce
                     continue
                 offset = np.array([x, y]) - drawn_points[k]
                 if drawn_normals[k].any():
-                    fits |= abs(drawn_normals[k] @ offset) < 0.08
+                    fits_line = abs(drawn_normals[k] @ offset) < 0.08
                 else:
-                    fits |= np.hypot(*offset) < 0.08
-        if fits:
-            matched += 1
+                    fits_line = np.hypot(*offset) < 0.08
+                if turned @ drawn_normals[k] < -0.5:
+                    fits_behind |= fits_line
+                else:
+                    fits |= fits_line
+        if fits or fits_behind:
+            matched += fits
             continue
         row, col = math.floor(y / free_cell_m) + half, math.floor(x / free_cell_m) + half
         if 0 <= row < free.shape[0] and 0 <= col < free.shape[1] and free[row, col]:
