@@ -350,6 +350,7 @@ class _Tracker:
                 patch_entropy_bits=sum(entropy_bits(row.belief) for row in in_view),
                 verdict=verdict,
                 lost=self._verdict.measure,
+                contradiction=self._verdict.contradiction,
             )
         )
         if self._settings.save_particles:
