@@ -17,12 +17,14 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between, compose, interpolate
 from dynmap_cli.domain.scans import ScanLog
+from dynmap_cli.domain.sweep_motion import sweep_durations_s
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.scan_matching.calibration import Calibration
 from dynmap_cli.scan_matching.front_end import Registered, register
 from dynmap_cli.scan_matching.matcher import FrontEndParams
 from dynmap_cli.scan_matching.odometry import calibrate, corrected_motion, lacks_sign
+from dynmap_cli.scan_matching.sweep_order import find_sweep_order, path_twists, sweep_orders
 from dynmap_cli.scan_matching.sweeps import Sweeps, sweeps_of
 from dynmap_cli.scan_matching.wheel_faults import WheelFault, find_wheel_faults, stops, without_steps
 
@@ -37,6 +39,10 @@ GOOD_SHARE = 0.7
 JUDGED_BEFORE, JUDGED_AFTER = 10, 40
 """Scans around the beginning of a fault that tell whether it is one."""
 
+TRIED = 100
+"""Scans that tell in which order the beams of a sweep are made."""
+END_SHARES = 0.75, 1.5
+"""Of the time of a sweep: sweeps are stamped at their end if the odometry runs ahead of them by that."""
 LEAST_STEP_S = 1e-3
 """Stamps may be equal."""
 LED_BY = 10
@@ -52,6 +58,10 @@ class Drive:
     poses : (n_scans, 3) float64
         odom_from_robot at each scan in the order of its stamps; NaN where neither wheels nor scans tell the position.
     calibration : Calibration
+    beam_interval_s : (n_geometries,) float64
+        As the scans fit best, see `find_sweep_order`.
+    first_beam_s : (n_geometries,) float64
+        Minus the time of a sweep where sweeps are stamped at their end.
     faults : tuple of WheelFault
         Where the scans led instead of the wheels.
     has_wheels : bool
@@ -60,6 +70,8 @@ class Drive:
 
     poses: F64
     calibration: Calibration
+    beam_interval_s: F64
+    first_beam_s: F64
     faults: tuple[WheelFault, ...]
     has_wheels: bool
 
@@ -67,27 +79,39 @@ class Drive:
 def with_sound_odometry(log: ScanLog, settings: LocalizationSettings) -> tuple[ScanLog, list[str]]:
     """The same recording with the odometry that its scans bear out, and what was wrong with it, one sentence each."""
     odometry, sentences = log.odometry.copy(), []
+    intervals_s, first_s = log.beam_interval_s.copy(), log.first_beam_s.copy()
     for drive in range(log.n_drives):
         rows = np.flatnonzero(log.drive_index == drive)
         if rows.size < 2:
             continue
         found = sound_odometry(log.select(slice(int(rows[0]), int(rows[-1]) + 1)), settings)
         odometry[rows] = found.poses
+        own = np.unique(log.geometry_index[rows])
+        intervals_s[own], first_s[own] = found.beam_interval_s[own], found.first_beam_s[own]
         if found.faults:
             sentences.append(_fault_words(found.faults, log.recordings_of(drive)))
-    return replace(log, odometry=odometry), sentences
+    sound = replace(log, odometry=odometry, beam_interval_s=intervals_s, first_beam_s=first_s)
+    return sound, sentences
 
 
 def sound_odometry(log: ScanLog, settings: LocalizationSettings) -> Drive:
     """Match the scans of one drive (two or more), calibrate, and take the steps of the scans where wheels fail."""
     every = sweeps_of(log, None)
-    sweeps = every.chosen(_spaced(every.times_s))
-    rays = rays_of(log, settings.laser_max_range)
+    rows = _spaced(every.times_s)
+    sweeps = every.chosen(rows)
+    said = rays_of(log, settings.laser_max_range)
+    rays = said._replace(beam_interval_s=np.zeros_like(said.beam_interval_s))
     raw = corrected_motion(sweeps.odometry, sweeps.times_s, Calibration())
     still = stops(raw, sweeps.times_s)
     led = without_steps(raw, still)
     found = _from_the_beginning(register(sweeps, rays, led, LOOSE, PARAMS), sweeps, rays, led)
-    calibration = _calibration(sweeps, rays, found)
+    intervals_s = _beam_intervals(said, log.bearings_rad, every, sweeps.times_s, found.poses)
+    if intervals_s.any():
+        rays = said._replace(beam_interval_s=intervals_s)
+        twists = path_twists(rays, log.bearings_rad, sweeps, found.poses)
+        found = register(sweeps, rays, led, LOOSE, PARAMS, twists=twists)
+    durations_s = sweep_durations_s(intervals_s, log.bearings_rad)
+    calibration, stamped_s = _with_stamps(_calibration(sweeps, rays, found), sweeps, durations_s)
     motion = corrected_motion(sweeps.odometry, sweeps.times_s, calibration)
     has_wheels = bool(np.isfinite(motion[1:]).all(axis=1).any())
     faults: list[WheelFault] = []
@@ -98,20 +122,66 @@ def sound_odometry(log: ScanLog, settings: LocalizationSettings) -> Drive:
     for fault in faults:
         by_scans[list(fault.steps)] = True
     poses = _joined(motion, found, by_scans)
-    at_ns = np.round(every.times_s * 1e9).astype(np.int64)
     at_scans = np.empty((log.n_scans, 3))
-    at_scans[every.rows] = interpolate(np.round(sweeps.times_s * 1e9).astype(np.int64), poses, at_ns)
-    return Drive(at_scans, calibration, tuple(faults), has_wheels)
+    at_scans[every.rows] = interpolate(rows, poses, np.arange(log.n_scans))
+    return Drive(at_scans, calibration, intervals_s, stamped_s, tuple(faults), has_wheels)
+
+
+def _with_stamps(calibration: Calibration, sweeps: Sweeps, durations_s: F64) -> tuple[Calibration, F64]:
+    """Which part of a lag is that sweeps are stamped at their end, and when their first beams are made (n_geometries,).
+
+    Messages are stamped late, not early: odometry that runs ahead of the scans by the time of a sweep shows the scans
+    to be late by that. It is the rest that the odometry is shifted by.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    sweeps : Sweeps
+    durations_s : (n_geometries,) float64
+        Of each sweep; 0 = all beams at once.
+    """
+    usual_s = float(np.median(durations_s[sweeps.geometry_index]))
+    lag_s = calibration.lag_s + calibration.lag_scans * float(np.median(np.diff(sweeps.times_s)))
+    if usual_s == 0.0 or not END_SHARES[0] * usual_s <= -lag_s <= END_SHARES[1] * usual_s:
+        return calibration, np.zeros_like(durations_s)
+    return replace(calibration, lag_scans=0.0, lag_s=lag_s + usual_s), -durations_s
+
+
+def _beam_intervals(said: Rays, bearings_rad: F64, every: Sweeps, times_s: F64, poses: F64) -> F64:
+    """(n_geometries,) time between beams with which the scans fit best where the robot turns most.
+
+    Parameters
+    ----------
+    said : Rays
+        As the recording says it.
+    bearings_rad : (n_geometries, n_beams) float64
+    every : Sweeps
+    times_s, poses : (n,) and (n, 3) float64
+        The path as if all beams of a sweep were made at once.
+    """
+    if len(sweep_orders(said, bearings_rad, every)) == 1:
+        return said.beam_interval_s
+    turned = np.interp(every.times_s, times_s, np.unwrap(poses[:, 2]))
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(turned)))])
+    first = int(np.argmax(way[TRIED - 1 :] - way[: way.size - TRIED + 1])) if way.size > TRIED else 0
+    few = every.part(first, first + TRIED)
+    at_ns, few_ns = (np.round(each * 1e9).astype(np.int64) for each in (times_s, few.times_s))
+    motion = corrected_motion(few.odometry, few.times_s, Calibration())
+    motion = without_steps(motion, stops(motion, few.times_s))
+
+    def fit(rays: Rays, twists: F64) -> float:
+        return float(register(few, rays, motion, LOOSE, PARAMS, twists=twists).shares.mean())
+
+    return find_sweep_order(said, bearings_rad, few, interpolate(at_ns, poses, few_ns), fit).beam_interval_s
 
 
 def _spaced(times_s: F64) -> I64:
-    """Rows at least `PERIOD_S` apart, the first and the last among them."""
-    chosen, last_s = [0], float(times_s[0])
-    for row, time_s in enumerate(times_s.tolist()):
-        if time_s - last_s >= PERIOD_S - 1e-6:
-            chosen.append(row)
-            last_s = time_s
-    return np.union1d(chosen, times_s.size - 1)
+    """Every k-th row, of which about as many are `PERIOD_S` apart as are closer, and the last one.
+
+    Stamps may jitter by more than the time between scans, so rows are counted.
+    """
+    every = max(int(PERIOD_S / max(float(np.median(np.diff(times_s))), LEAST_STEP_S) + 1e-6), 1)
+    return np.union1d(np.arange(0, times_s.size, every), times_s.size - 1)
 
 
 def _from_the_beginning(found: Registered, sweeps: Sweeps, rays: Rays, motion: F64) -> Registered:

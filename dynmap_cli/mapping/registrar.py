@@ -15,12 +15,12 @@ from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.mapping.back_end import Graph, close_loops
 from dynmap_cli.mapping.carried import Carry, find_carries
 from dynmap_cli.mapping.loops import LoopParams
-from dynmap_cli.mapping.sweep_order import SweepOrder, find_sweep_order, path_twists
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.scan_matching.calibration import Calibration
 from dynmap_cli.scan_matching.front_end import Registered, register
 from dynmap_cli.scan_matching.matcher import FrontEndParams
 from dynmap_cli.scan_matching.odometry import calibrate, corrected_motion, lacks_sign
+from dynmap_cli.scan_matching.sweep_order import SweepOrder, find_sweep_order, path_twists
 from dynmap_cli.scan_matching.sweeps import Sweeps
 from dynmap_cli.scan_matching.wheel_faults import (
     WheelFault,
