@@ -78,7 +78,8 @@ def localize_log(
     """Track pose and states through all drives of a log.
 
     Every drive starts anew, the first one at the given pose if there is one: between two drives a robot may have been
-    carried anywhere. What was learned about states is kept, and grows old.
+    carried anywhere. What was learned about states is kept, and grows old. Odometry and times between beams are taken
+    as they are, see `with_sound_odometry`.
 
     Raises
     ------
