@@ -23,6 +23,7 @@ from dynmap_cli.files.patch_archive import read_names
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import format_stamp, read_tum
 from dynmap_cli.localization.beliefs.parts import believed_parts
+from dynmap_cli.localization.odometry import with_sound_odometry
 from dynmap_cli.localization.particles.particle_filter import estimate_pose
 from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.stage import outside
@@ -94,6 +95,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
             "Is it the truth of this recording?"
         )
         raise ArtifactError(msg)
+    log, _ = with_sound_odometry(log, config.localization)
     maps, left_out = compared_maps(run_dir, most_states)
     start, by = common_start(log, maps[0], config, truth, context.threads)
     settings = config.localization.model_copy(

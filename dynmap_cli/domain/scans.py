@@ -50,6 +50,8 @@ class ScanLog:
     drive_of_recording : (n_recordings,) int32
         Which drive each of *recordings* is a part of: ascending, without gaps. A drive has one start, and its
         odometry runs through; between two drives nobody knows how the robot moved.
+    first_beam_s : (n_geometries,) float64
+        When the first beam is made after the stamp: 0, or negative where sweeps are stamped at their end.
     """
 
     stamps_ns: I64
@@ -64,6 +66,7 @@ class ScanLog:
     recordings: tuple[str, ...]
     arrival_index: I32 = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     drive_of_recording: I32 = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    first_beam_s: F64 = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check shapes and order against each other, and freeze the arrays."""
@@ -73,7 +76,10 @@ class ScanLog:
             object.__setattr__(self, "arrival_index", np.arange(n_scans, dtype=np.int32))
         if self.drive_of_recording.size == 0:
             object.__setattr__(self, "drive_of_recording", np.zeros(len(self.recordings), dtype=np.int32))
+        if self.first_beam_s.size == 0:
+            object.__setattr__(self, "first_beam_s", np.zeros(n_geometries))
         expected = {
+            "first_beam_s": (n_geometries,),
             "arrival_index": (n_scans,),
             "drive_of_recording": (len(self.recordings),),
             "stamps_ns": (n_scans,),

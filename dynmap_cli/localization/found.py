@@ -49,6 +49,8 @@ class HealthRow:
         tracking, changed or lost.
     lost : float
         How much speaks for a wrong pose, see `Verdict.measure`.
+    contradiction : float
+        How much of that the scans say, see `Verdict.contradiction`.
     """
 
     stamp_ns: int
@@ -58,6 +60,7 @@ class HealthRow:
     patch_entropy_bits: float
     verdict: str
     lost: float = 0.0
+    contradiction: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

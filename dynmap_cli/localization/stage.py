@@ -18,6 +18,7 @@ from dynmap_cli.localization.afterwards.smoothing import smooth
 from dynmap_cli.localization.beliefs.parts import Part, believed_parts
 from dynmap_cli.localization.beliefs.state_tables import object_beliefs, patch_beliefs
 from dynmap_cli.localization.found import HealthRow, Localization
+from dynmap_cli.localization.odometry import with_sound_odometry
 from dynmap_cli.localization.outputs import (
     write_health,
     write_objects,
@@ -55,6 +56,7 @@ def run(context: StageContext) -> dict[str, Any]:
     pool = make_map_pool(grid, [part.states for part in parts], settings)
     if settings.sensor == "beam":
         pool = with_beam_model(pool, grid, _counting_map(context), [part.states for part in parts])
+    log, wheel_words = with_sound_odometry(log, settings)
     with progress("localize", log.n_scans, "scans") as tick:
         found = localize_log(
             log, pool, settings, seed=context.config.seed, threads=context.threads, tick=tick
@@ -76,7 +78,7 @@ def run(context: StageContext) -> dict[str, Any]:
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, believed, _names(context))
-    warnings += [*found.warnings, *_warn_of_gaps(log, found.health, settings)]
+    warnings += [*wheel_words, *found.warnings, *_warn_of_gaps(log, found.health, settings)]
     warnings += _warn_of_losses(summary, found)
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary

@@ -78,7 +78,8 @@ def localize_log(
     """Track pose and states through all drives of a log.
 
     Every drive starts anew, the first one at the given pose if there is one: between two drives a robot may have been
-    carried anywhere. What was learned about states is kept, and grows old.
+    carried anywhere. What was learned about states is kept, and grows old. Odometry and times between beams are taken
+    as they are, see `with_sound_odometry`.
 
     Raises
     ------
@@ -350,6 +351,7 @@ class _Tracker:
                 patch_entropy_bits=sum(entropy_bits(row.belief) for row in in_view),
                 verdict=verdict,
                 lost=self._verdict.measure,
+                contradiction=self._verdict.contradiction,
             )
         )
         if self._settings.save_particles:

@@ -21,12 +21,12 @@ from dynmap_cli.mapping.edges import (
     placed_edges,
     scales,
 )
-from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import Easel, LocalMaps, anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import MAX_ROUNDS, WINDOWS_M, Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.places import SAME_VISIT, representatives
 from dynmap_cli.mapping.pose_graph import CHAIN, DENSE, Edges, join_edges, no_edges, optimise, robust_cost
 from dynmap_cli.mapping.repair import State, repair
+from dynmap_cli.scan_matching.front_end import Registered
 from dynmap_cli.scan_matching.sweeps import Sweeps
 
 _DENSE_SHIFT_M, _DENSE_TURN_RAD = 0.01, 0.002

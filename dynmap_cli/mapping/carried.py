@@ -11,8 +11,8 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.domain.poses import between, compose, inverse
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.map_fits import MATCHED, SEEN
-from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import Collector, Easel, LocalMap
+from dynmap_cli.scan_matching.front_end import Registered
 from dynmap_cli.scan_matching.sweeps import Sweeps
 
 _USUAL_SCANS, _WORSE_SHARE = 8, 0.1

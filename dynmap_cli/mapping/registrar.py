@@ -8,21 +8,26 @@ from functools import partial
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64
+from dynmap_cli.arrays import F64
 from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.mapping.back_end import Graph, close_loops
 from dynmap_cli.mapping.carried import Carry, find_carries
-from dynmap_cli.mapping.front_end import Registered, register
 from dynmap_cli.mapping.loops import LoopParams
-from dynmap_cli.mapping.odometry import calibrate, corrected_motion, lacks_sign
-from dynmap_cli.mapping.sweep_order import SweepOrder, find_sweep_order, path_twists
-from dynmap_cli.mapping.wheel_faults import WheelFault, find_wheel_faults, suspicious_stops, without_steps
 from dynmap_cli.progress import Tick, no_tick, progress
 from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.front_end import Registered, register
 from dynmap_cli.scan_matching.matcher import FrontEndParams
+from dynmap_cli.scan_matching.odometry import calibrate, corrected_motion, lacks_sign
+from dynmap_cli.scan_matching.sweep_order import SweepOrder, find_sweep_order, path_twists
 from dynmap_cli.scan_matching.sweeps import Sweeps
+from dynmap_cli.scan_matching.wheel_faults import (
+    WheelFault,
+    find_wheel_faults,
+    suspicious_stops,
+    without_steps,
+)
 
 _log = logging.getLogger(__name__)
 _CALIBRATION_SCANS = 4000
@@ -144,7 +149,7 @@ class Registrar:
         if not np.isfinite(part.odometry).all(axis=1).any():
             return known
         is_good = np.asarray(first_pass.shares > _GOOD_SHARE)
-        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & _fixes_position(first_pass))
+        reversible = lacks_sign(part.odometry, first_pass.poses, is_good & first_pass.fixes_position)
         # Steps from one laser to another show how well their poses agree, not how the robot moved.
         laser = self.rays.laser_index[part.geometry_index]
         main = laser == np.bincount(laser).argmax()
@@ -153,7 +158,7 @@ class Registrar:
             part.times_s[main],
             first_pass.poses[main],
             is_good[main],
-            _fixes_position(first_pass)[main],
+            first_pass.fixes_position[main],
             reversible=reversible,
             in_seconds=not main.all(),
         )
@@ -193,9 +198,3 @@ class Registrar:
         """Match as if all beams of a sweep were made at its stamp."""
         still = np.zeros((sweeps.n_scans, 3))
         return self._register(sweeps, motion, calibration, twists=still)
-
-
-def _fixes_position(registered: Registered) -> B1:
-    """(n_scans,) where the match knows both directions; along a bare corridor it knows one."""
-    spread = np.linalg.eigvalsh(registered.information[:, :2, :2])
-    return np.asarray(spread[:, 0] > 0.05 * np.maximum(spread[:, 1], 1e-9))

@@ -18,12 +18,12 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import LogError
 from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.mapping.back_end import Graph, Known, close_loops, refine_graph, spread_to_scans
-from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.local_maps import make_local_maps
 from dynmap_cli.mapping.loops import Loop, LoopParams
 from dynmap_cli.mapping.matched_range import matched_range_m
 from dynmap_cli.mapping.placing import Places, joined_places, near_pairs, place_drive
 from dynmap_cli.mapping.registrar import Registrar
+from dynmap_cli.scan_matching.front_end import Registered
 from dynmap_cli.scan_matching.sweeps import Sweeps, sweeps_of, times_of
 
 if TYPE_CHECKING:

@@ -12,7 +12,6 @@ from dynmap_cli.counting.em import count_ended
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.mapping.back_end import Graph
 from dynmap_cli.mapping.graph_files import rejected_by_reason
-from dynmap_cli.mapping.odometry import corrected_motion
 from dynmap_cli.mapping.registrar import Registrar
 from dynmap_cli.mapping.rounds import FilterMap
 from dynmap_cli.mapping.warnings import (
@@ -25,8 +24,9 @@ from dynmap_cli.mapping.warnings import (
     warn_of_odometry,
     warn_of_wheels,
 )
-from dynmap_cli.mapping.wheel_faults import without_steps
+from dynmap_cli.scan_matching.odometry import corrected_motion
 from dynmap_cli.scan_matching.sweeps import times_of
+from dynmap_cli.scan_matching.wheel_faults import without_steps
 
 
 def _path_length_m(log: ScanLog, poses: F64) -> float:

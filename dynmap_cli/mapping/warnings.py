@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.mapping.wheel_faults import WheelFault, runs
 from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.wheel_faults import WheelFault, runs
 
 WRONG_MAP = 0.06
 """Share of contradicting places above which a map is wrong; right maps stay under 0.024."""

@@ -72,7 +72,10 @@ class Sweeps:
 
     def part(self, first: int, last: int) -> Sweeps:
         """The sweeps first..last - 1 only."""
-        scans = slice(first, last)
+        return self.chosen(slice(first, last))
+
+    def chosen(self, scans: slice | I64) -> Sweeps:
+        """Some sweeps only."""
         return Sweeps(
             self.table_m,
             self.weights,

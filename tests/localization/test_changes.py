@@ -1,5 +1,7 @@
 """Where a map is out of date, and whether it is the right one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from dynmap_cli.localization.watching.places import Place
 
 def row(second, verdict="tracking", place=None, changed=0.0, lost=0.0):
     health = ScanHealth(1.0, 0.0, 0.0, 0.0, 0.0, changed, place)
-    return HealthRow(second * 10**9, health, -1.0, 500.0, 0.0, verdict, lost)
+    return HealthRow(second * 10**9, health, -1.0, 500.0, 0.0, verdict, lost, contradiction=lost)
 
 
 BOX, SAME_BOX, GAP = Place("object", 3.0, 4.0), Place("object", 3.5, 4.2), Place("opening", 8.0, 1.0)
@@ -50,10 +52,22 @@ def test_nothing_changed_nothing_said():
 
 
 def test_a_recording_of_another_place_contradicts_the_map_in_many_updates():
-    rows = [row(k, lost=3.0 * (k < 2)) for k in range(20)]
+    rows = [row(k, lost=3.0 * (k in (6, 13))) for k in range(20)]
     assert is_another_place(rows)
-    assert not is_another_place(rows[1:])
+    assert not is_another_place(rows[7:])
     assert not is_another_place([])
+
+
+def test_a_map_that_agrees_with_most_of_a_recording_in_one_piece_is_of_its_place():
+    """A robot may start outside of the map; but what the map does not show does not agree with it."""
+    agrees = [row(k, lost=3.0 * (k < 8)) for k in range(20)]
+    assert not is_another_place(agrees)
+    off_map = [replace(one, health=replace(one.health, explained=0.4, off_map=0.6)) for one in agrees]
+    assert is_another_place(off_map)
+
+
+def test_particles_in_two_places_that_look_alike_do_not_contradict_the_map():
+    assert not is_another_place([replace(row(k), lost=3.0) for k in range(20)])
 
 
 def test_no_update_is_advised_for_the_map_of_another_place():
@@ -62,7 +76,7 @@ def test_no_update_is_advised_for_the_map_of_another_place():
 
 @pytest.mark.parametrize(("n_wrong", "is_other"), [(0, False), (2, True)])
 def test_scripts_are_told_by_a_word_of_the_summary(n_wrong, is_other):
-    rows = [row(k, lost=3.0 * (k < n_wrong)) for k in range(20)]
+    rows = [row(k, lost=3.0 * (k in (6, 13)[:n_wrong])) for k in range(20)]
     stamps_ns = np.array([one.stamp_ns for one in rows])
     path = Trajectory(stamps_ns, np.zeros((20, 3)))
     found = Localization(path, poses=[], states=[], health=rows, searches=[], clouds=[], warnings=[])

@@ -6,6 +6,7 @@ import pytest
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
+from dynmap_cli.localization.odometry import with_sound_odometry
 from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
@@ -17,6 +18,7 @@ def test_a_turtlebot_finds_itself_in_the_map_of_its_floor(real_data):
     grid, warnings = read_map(real_data / "bags" / "turtlebot4_mac" / "mac_1st_floor_final.yaml")
     assert "free_thresh 0.25" in warnings[0]
     settings = LocalizationSettings()
+    log, _ = with_sound_odometry(log, settings)
     found = localize_log(log, make_map_pool(grid, [], settings), settings, seed=0)
     assert "lost" not in {row.verdict for row in found.health}
     assert np.mean([row.health.explained for row in found.health]) > 0.85

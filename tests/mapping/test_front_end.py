@@ -8,11 +8,11 @@ from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.kernels.matching import SIZE
-from dynmap_cli.mapping.front_end import register
 from dynmap_cli.mapping.matched_range import matched_range_m
-from dynmap_cli.mapping.odometry import corrected_motion
 from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.front_end import register
 from dynmap_cli.scan_matching.matcher import FrontEndParams
+from dynmap_cli.scan_matching.odometry import corrected_motion
 from dynmap_cli.scan_matching.sweeps import sweeps_of
 from tests.mapping.test_local_maps import cast
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, compose
-from dynmap_cli.mapping.odometry import calibrate, corrected_motion, lacks_sign
 from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.odometry import calibrate, corrected_motion, lacks_sign
 
 
 def drive(n=1500, seed=0, backwards=False):

@@ -9,13 +9,13 @@ from dynmap_cli.counting.counts import rays_of
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.mapping.back_end import close_loops
 from dynmap_cli.mapping.edges import anchor_chain, loop_edges, scales
-from dynmap_cli.mapping.front_end import Registered
 from dynmap_cli.mapping.graph_files import EDGES_HEADER, LOOPS_HEADER, write_graph
 from dynmap_cli.mapping.local_maps import anchors_of, make_local_maps
 from dynmap_cli.mapping.loops import Loop, LoopParams, LoopSearch
 from dynmap_cli.mapping.pose_graph import join_edges, optimise
 from dynmap_cli.mapping.repair import repair
 from dynmap_cli.mapping.warnings import WRONG_MAP
+from dynmap_cli.scan_matching.front_end import Registered
 from dynmap_cli.scan_matching.sweeps import sweeps_of
 from dynmap_cli.simulation import parse_scenario, simulate
 

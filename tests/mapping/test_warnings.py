@@ -11,8 +11,8 @@ from dynmap_cli.mapping.warnings import (
     warn_of_odometry,
     warn_of_wheels,
 )
-from dynmap_cli.mapping.wheel_faults import WheelFault
 from dynmap_cli.scan_matching.calibration import Calibration
+from dynmap_cli.scan_matching.wheel_faults import WheelFault
 
 
 def fault(is_frozen, odometry_m, scans_m):

@@ -8,7 +8,7 @@ import pytest
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.mapping.site import Site
-from dynmap_cli.mapping.wheel_faults import find_wheel_faults, suspicious_stops, without_steps
+from dynmap_cli.scan_matching.wheel_faults import find_wheel_faults, suspicious_stops, without_steps
 from dynmap_cli.simulation import parse_scenario, simulate
 
 TIMES = np.arange(600) * 0.2

@@ -10,11 +10,15 @@ import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.grid import GridFrame
+from dynmap_cli.domain.poses import between
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.kernels.likelihood import field_log_likelihoods
 from dynmap_cli.kernels.sweeps import place_beams
 from dynmap_cli.localization.sensing.pose_chunks import weigh_in_chunks
 from dynmap_cli.localization.settings import LocalizationSettings
+
+SOON, LONGEST_STEP_S = 8, 2.0
+"""The velocity during a scan is that to the next of its kind, which is one of so many and not later than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +57,52 @@ class Sweep:
 
 
 def sweep_of(log: ScanLog, scan: int, max_range_m: float) -> Sweep:
-    """Take the beams of a scan that measured something; ends beyond *max_range_m* are left out."""
+    """Take the beams of a scan that measured something; ends beyond *max_range_m* are left out.
+
+    Where beams are made one after another, each is put where it would be seen from at the stamp, by the odometry.
+    """
     geometry = int(log.geometry_index[scan])
     ranges = np.asarray(log.ranges_m[scan], dtype=np.float64)
     bearings = log.bearings_rad[geometry]
     sensor = log.sensor_poses[geometry]
     usable = np.isfinite(bearings) & ((ranges <= max_range_m) | (ranges == np.inf))
     reach = min(float(log.range_limits_m[geometry, 1]), max_range_m)
-    return Sweep(sensor[:2].copy(), bearings[usable] + sensor[2], ranges[usable], reach)
+    directions, ranges = bearings[usable] + sensor[2], ranges[usable]
+    twist = _twist(log, scan) if log.beam_interval_s[geometry] != 0.0 else None
+    if twist is not None:
+        interval_s, n_beams = float(log.beam_interval_s[geometry]), int(np.isfinite(bearings).sum())
+        beams = np.flatnonzero(usable) - (0 if interval_s > 0.0 else n_beams - 1)
+        elapsed_s: F64 = np.asarray(log.first_beam_s[geometry] + interval_s * beams, dtype=np.float64)
+        directions, ranges = _seen_at_once(directions, ranges, sensor[:2], twist, elapsed_s)
+    return Sweep(sensor[:2].copy(), directions, ranges, reach)
+
+
+def _twist(log: ScanLog, scan: int) -> F64 | None:
+    """Velocity (3,) from a scan to the next one of the same kind, in the robot frame; None where nobody knows it."""
+    after = np.flatnonzero(log.geometry_index[scan + 1 : scan + 1 + SOON] == log.geometry_index[scan])
+    if not after.size:
+        return None
+    following = scan + 1 + int(after[0])
+    seconds = float(log.stamps_ns[following] - log.stamps_ns[scan]) * 1e-9
+    step = between(log.odometry[scan], log.odometry[following])
+    if log.drive_index[following] != log.drive_index[scan] or not 0.0 < seconds < LONGEST_STEP_S:
+        return None
+    return step / seconds if bool(np.isfinite(step).all()) else None
+
+
+def _seen_at_once(
+    directions_rad: F64, ranges_m: F64, sensor: F64, twist: F64, elapsed_s: F64
+) -> tuple[F64, F64]:
+    """Directions and ranges of beams that were made some time (n,) after the stamp, from where the sensor was then."""
+    turns = directions_rad + twist[2] * elapsed_s
+    hits = np.isfinite(ranges_m)
+    yaw, lengths = twist[2] * elapsed_s[hits], ranges_m[hits]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    x = twist[0] * elapsed_s[hits] + (cos - 1.0) * sensor[0] - sin * sensor[1] + lengths * np.cos(turns[hits])
+    y = twist[1] * elapsed_s[hits] + sin * sensor[0] + (cos - 1.0) * sensor[1] + lengths * np.sin(turns[hits])
+    ranges, directions = ranges_m.copy(), turns.copy()
+    ranges[hits], directions[hits] = np.hypot(x, y), np.arctan2(y, x)
+    return directions, ranges
 
 
 def pose_ends(sweep: Sweep, max_beams: int) -> F64:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
 from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.watching.health import DOUBT
 from dynmap_cli.localization.watching.places import Place
 
 SAME_PLACE_M = 1.5
@@ -15,9 +17,13 @@ LEAST_UPDATES = 5
 """What was seen changed in fewer updates is not worth an update of the map."""
 MOST_NAMED = 5
 ANOTHER_PLACE, ANOTHER_SHARE = 1.8, 0.1
-"""A recording is not of the place of the map if the lost measure of the verdict is above this in so large a share of
+"""A recording is not of the place of the map if the map contradicts the scans by more than this in so large a share of
 its updates. The robot is put where most of its scans fit, and places look alike; what it drives through outside the
 map counts only where beams go through walls."""
+AGREES_SHARE, AGREEING_BEAMS = 0.5, 0.5
+"""Share of the updates in one piece that agree with the map, after which it is that of the place all the same, and of
+the beams that end on it in each: rooms look alike, but not one after another. A robot that starts outside the map, or
+where much has changed, is contradicted until it comes to where the map is right."""
 
 
 @dataclass(slots=True)
@@ -78,8 +84,25 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
 
 
 def is_another_place(rows: Sequence[HealthRow]) -> bool:
-    """Whether a recording was not made in the place of the map: many updates contradict it wherever it is put."""
-    return bool(rows) and float(np.mean([row.lost > ANOTHER_PLACE for row in rows])) >= ANOTHER_SHARE
+    """Whether a recording was not made in the place of the map: many updates contradict it wherever it is put.
+
+    Particles that sit in several places do not: the map may look the same from all of them.
+    """
+    contradicted = sum(row.contradiction > ANOTHER_PLACE for row in rows)
+    if not rows or contradicted < ANOTHER_SHARE * len(rows):
+        return False
+    return _most_in_a_row(map(_agrees, rows)) < AGREES_SHARE * len(rows)
+
+
+def _agrees(row: HealthRow) -> bool:
+    """Whether an update shows what the map shows."""
+    on_map = row.health.explained + row.health.explained_by_other_state
+    return row.contradiction <= DOUBT and on_map >= AGREEING_BEAMS
+
+
+def _most_in_a_row(flags: Iterable[bool]) -> int:
+    """Length of the longest run of true flags."""
+    return max((sum(1 for _ in run) for is_true, run in groupby(flags) if is_true), default=0)
 
 
 def _is_same(one: Place, other: Place) -> bool:

@@ -155,7 +155,7 @@ class Verdict:
     @property
     def is_in_doubt(self) -> bool:
         """Whether the robot may be lost."""
-        return self._mean() > DOUBT
+        return self.contradiction > DOUBT
 
     @property
     def measure(self) -> float:
@@ -164,7 +164,7 @@ class Verdict:
         The mean of the measures of the scans, and as much as makes the robot lost for each `1 - ONE_MODE_SHARE` of
         the particles' weight that lies elsewhere, and for a better place that a search found.
         """
-        return self._mean() + LOST * self._elsewhere
+        return self.contradiction + LOST * self._elsewhere
 
     def judge(self, health: ScanHealth, estimate: Estimate) -> str:
         """Take one more scan into account."""
@@ -179,7 +179,9 @@ class Verdict:
         """Take into account that a search found a better place."""
         self._elsewhere += 1.0
 
-    def _mean(self) -> float:
+    @property
+    def contradiction(self) -> float:
+        """Mean of the lost measures of the last scans: how much the map contradicts them at the best pose."""
         return sum(self._measures) / max(len(self._measures), 1)
 
 

@@ -43,6 +43,12 @@ class Registered:
     is_lost: B1
     is_wide: B1
 
+    @property
+    def fixes_position(self) -> B1:
+        """(n_scans,) where the match knows both directions; along a bare corridor it knows one."""
+        spread = np.linalg.eigvalsh(self.information[:, :2, :2])
+        return np.asarray(spread[:, 0] > 0.05 * np.maximum(spread[:, 1], 1e-9))
+
 
 def register(
     sweeps: Sweeps,

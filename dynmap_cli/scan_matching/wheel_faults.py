@@ -99,12 +99,16 @@ def suspicious_stops(motion: F64, times_s: F64, shares: F64) -> list[tuple[int, 
         Matched share of each scan.
     """
     usual = float(np.median(shares))
-    stops = []
-    for first, last in runs(_is_still(motion)[1:]):
-        is_long = last - first >= _FROZEN_STEPS and times_s[last] - times_s[first] >= _FROZEN_S
-        if is_long and float(shares[first + 1 : last + 1].mean()) < usual - _WORSE_SHARE:
-            stops.append(_steps_of_freeze(first, last, times_s.size))
-    return stops
+    return [
+        _steps_of_freeze(first, last, times_s.size)
+        for first, last in _long_stops(motion, times_s)
+        if float(shares[first + 1 : last + 1].mean()) < usual - _WORSE_SHARE
+    ]
+
+
+def stops(motion: F64, times_s: F64) -> list[tuple[int, ...]]:
+    """Steps of stretches in which the odometry stands still: the robot does, or the odometry is frozen."""
+    return [_steps_of_freeze(first, last, times_s.size) for first, last in _long_stops(motion, times_s)]
 
 
 def without_steps(motion: F64, unsure: Sequence[tuple[int, ...]]) -> F64:
@@ -113,6 +117,15 @@ def without_steps(motion: F64, unsure: Sequence[tuple[int, ...]]) -> F64:
     for steps in unsure:
         trusted[list(steps)] = np.nan
     return trusted
+
+
+def _long_stops(motion: F64, times_s: F64) -> list[tuple[int, int]]:
+    """First and last row of each stretch in which the odometry stands still for long."""
+    return [
+        (first, last)
+        for first, last in runs(_is_still(motion)[1:])
+        if last - first >= _FROZEN_STEPS and times_s[last] - times_s[first] >= _FROZEN_S
+    ]
 
 
 def _is_still(motion: F64) -> B1:
