@@ -18,7 +18,7 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clock_offsets import align_clocks
-from dynmap_cli.ingest.choices.clock_sets import is_interleaved, join_set_clocks, undo_set_back
+from dynmap_cli.ingest.choices.clock_sets import interleaved_ns, join_set_clocks, undo_set_back
 from dynmap_cli.ingest.choices.clock_steps import mend_clock_steps
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
@@ -45,6 +45,7 @@ from dynmap_cli.ingest.choices.merging import (
     join_recordings,
     joined_logs,
 )
+from dynmap_cli.ingest.choices.mixed import drop_mixed
 from dynmap_cli.ingest.choices.mountings import mounting_of, robot_turns, turned_over
 from dynmap_cli.ingest.choices.odometry import ends_without_odometry, find_odometry
 from dynmap_cli.ingest.choices.odometry_sources import Odometry, find_candidates
@@ -242,10 +243,13 @@ def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecordin
         if source.damage:
             raise UnreadableBagError(source.damage)
         recording = read_bag(source.path, source.name, kind, space)
-        if is_interleaved(recording):
+        mixed_ns = interleaved_ns(recording)
+        if mixed_ns is not None:
             written = read_salvaged(source.path, source.name, kind, UnreadableBagError(""), space.folder)
             if written.n_read == recording.n_read and not written.damage and undo_set_back(written):
                 recording = written
+            else:
+                drop_mixed(recording, *mixed_ns)
     except UnreadableBagError as err:
         recording = read_salvaged(source.path, source.name, kind, err, space.folder)
     clouds = wanted_clouds(recording, settings)

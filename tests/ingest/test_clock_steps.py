@@ -135,6 +135,29 @@ def test_a_clock_of_everything_that_was_set_back_is_told_by_the_order_of_writing
     np.testing.assert_allclose(log.odometry, world.poses, atol=1e-6)
 
 
+class Sorted(Late):
+    """The same messages in the order of their times of recording."""
+
+    def messages(self):
+        return iter(sorted(super().messages(), key=lambda message: message[2]))
+
+
+@pytest.mark.parametrize("back_s", [1.0, 2.5])
+def test_of_messages_that_were_sorted_since_those_that_are_mixed_are_left_out(back_s, tmp_path):
+    world = Sorted()
+    back_ns = round(back_s * 1e9) + 30_000_000
+    world.moved_ns = lambda topic, number: (-back_ns, -back_ns) if number >= 70 else (0, 0)
+    log, report = read(tmp_path, world)
+    (line,) = [line for line in report.warnings if "two places in turn" in line]
+    assert "the clock was set back" in line
+    assert "left out" in line
+    n_mixed = round(20 * back_s)
+    assert abs(world.n_scans - log.n_scans - n_mixed) <= 4
+    first = np.flatnonzero(np.diff(log.stamps_ns) > 10**9)[0] + 1
+    np.testing.assert_allclose(log.odometry[:first], world.poses[:first], atol=1e-6)
+    np.testing.assert_allclose(log.odometry[first:], world.poses[first - log.n_scans :], atol=1e-6)
+
+
 def test_a_recorder_whose_own_clock_was_set_back_moves_no_stamps(tmp_path):
     world = Late()
     world.moved_ns = lambda _topic, number: (0, -2 * 10**9 if number >= 70 else 0)

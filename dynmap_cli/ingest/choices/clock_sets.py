@@ -20,7 +20,7 @@ from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 _BACK_NS, _FORTH_NS = -5 * 10**9, 7 * 86_400 * 10**9
 _ALIKE_NS = 5 * 10**9
 _LEAST_SCANS, _MOST_JUMPS = 10, 4
-_LEAST_BACK_NS = -(10**8)
+LEAST_BACK_NS = -(10**8)
 _TWICE_AS_OFTEN, _USUAL_QUANTILE, _LEAST_MIXED = 0.7, 0.9, 4
 
 
@@ -49,7 +49,7 @@ class _Sets(NamedTuple):
 
 def join_set_clocks(recording: RawRecording) -> None:
     """Move stamps from before and after the clock was set to the clock of most sweeps, and say so."""
-    laser = _most_used(recording)
+    laser = most_used(recording)
     if laser is None:
         return
     found = _sets_of(laser.stamps_ns, _jumps_of(laser.stamps_ns))
@@ -62,22 +62,23 @@ def join_set_clocks(recording: RawRecording) -> None:
     _say(recording, laser, found)
 
 
-def is_interleaved(recording: RawRecording) -> bool:
-    """Whether sweeps come twice as often for a while, as where messages are sorted by a clock that was set back.
+def interleaved_ns(recording: RawRecording) -> tuple[int, int] | None:
+    """From when to when sweeps come twice as often, as where messages are sorted by a clock that was set back.
 
-    Two periods lie between a sweep and the next but one, there only one.
+    Two periods lie between a sweep and the next but one, there only one; None where that is so nowhere for long.
     """
-    laser = _most_used(recording)
+    laser = most_used(recording)
     if laser is None or laser.n_scans < 2 * _LEAST_SCANS:
-        return False
+        return None
     ordered = laser.stamps_ns if ascends(laser.stamps_ns) else np.sort(laser.stamps_ns)
     apart_ns = ordered[2:] - ordered[:-2]
     usual = int(_USUAL_QUANTILE * apart_ns.size)
     is_short = apart_ns < _TWICE_AS_OFTEN * float(np.partition(apart_ns, usual)[usual])
     if np.count_nonzero(is_short) < _LEAST_MIXED:
-        return False
+        return None
     n_short = np.concatenate([[0], np.cumsum(is_short)])
-    return bool((n_short[_LEAST_MIXED:] - n_short[:-_LEAST_MIXED] == _LEAST_MIXED).any())
+    runs = np.flatnonzero(n_short[_LEAST_MIXED:] - n_short[:-_LEAST_MIXED] == _LEAST_MIXED)
+    return (int(ordered[runs[0]]), int(ordered[runs[-1] + _LEAST_MIXED + 1])) if runs.size else None
 
 
 def undo_set_back(recording: RawRecording) -> bool:
@@ -88,11 +89,11 @@ def undo_set_back(recording: RawRecording) -> bool:
     bool
         Whether there were such, which is said.
     """
-    laser = _most_used(recording)
+    laser = most_used(recording)
     if laser is None:
         return False
     steps_ns = np.concatenate([np.zeros(1, dtype=np.int64), *steps_in(laser.logged_ns)])
-    found = _sets_of(laser.logged_ns, np.flatnonzero(steps_ns < _LEAST_BACK_NS))
+    found = _sets_of(laser.logged_ns, np.flatnonzero(steps_ns < LEAST_BACK_NS))
     if found is None:
         return False
     for source in _moving(recording):
@@ -107,7 +108,7 @@ def undo_set_back(recording: RawRecording) -> bool:
     return True
 
 
-def _most_used(recording: RawRecording) -> RawLaser | None:
+def most_used(recording: RawRecording) -> RawLaser | None:
     """The laser with most sweeps."""
     return max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name), default=None)
 

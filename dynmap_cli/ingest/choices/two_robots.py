@@ -18,7 +18,7 @@ _JUMP_M, _BACK_SHARE = 1.0, 0.3
 _LOOK_AHEAD = 4
 _LEAST_JUMPS, _MOST_STEPS_PER_JUMP = 10, 20
 _CLEARLY = 0.7
-_CHANGED_M, _LEAST_ALTERNATING, _LEAST_SCANS = 0.2, 0.3, 20
+_CHANGED_M, LEAST_ALTERNATING, _LEAST_SCANS = 0.2, 0.3, 20
 _FARTHEST_M = 10.0
 _MOST_LOOKED_AT, _LOOKED_AT_ONCE, _BEAMS_LOOKED_AT = 256, 16, 90
 
@@ -122,12 +122,12 @@ def refuse_two_lasers(columns: Columns, name: str) -> None:
     n_alternating = 0
     for first in range(0, starts.size, _LOOKED_AT_ONCE):
         looks = starts[first : first + _LOOKED_AT_ONCE, None] + np.arange(4)
-        alternates = _alternates(columns.ranges_m[looks, ::every], columns.geometry_index[looks])
-        n_alternating += int(np.count_nonzero(alternates))
+        is_alternating = alternates(columns.ranges_m[looks, ::every], columns.geometry_index[looks])
+        n_alternating += int(np.count_nonzero(is_alternating))
         # Of a mapped table a system may hold far more than the rows that were read.
         give_back(columns.ranges_m)
     share = n_alternating / starts.size
-    if share > _LEAST_ALTERNATING:
+    if share > LEAST_ALTERNATING:
         msg = (
             f"{name}: after {share:.0%} of the scans the next one shows another place and one of the two after it this "
             "one again, as where two robots or lasers publish on one topic under one frame, or the clock was set back "
@@ -136,7 +136,7 @@ def refuse_two_lasers(columns: Columns, name: str) -> None:
         raise LogError(msg)
 
 
-def _alternates(ranges_m: F32, geometry_index: I32) -> B1:
+def alternates(ranges_m: F32, geometry_index: I32) -> B1:
     """(n,) where of four sweeps (n, 4, n_beams) the first is much more like the third or fourth than the second."""
     values = np.minimum(np.nan_to_num(ranges_m, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
     change_m = np.median(np.abs(values[:, 1:] - values[:, :1]), axis=2)
