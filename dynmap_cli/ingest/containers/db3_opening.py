@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from rosbags.interfaces import (
     Connection,
@@ -26,10 +27,12 @@ from dynmap_cli.ingest.containers.db3_tables import (
     STEPS_AT_ONCE,
     TOO_LONG,
     WorkBound,
+    bytes_behind,
     odd_indexes,
     odd_tables,
     odd_topics,
 )
+from dynmap_cli.ingest.messages.stored import words_of_rest
 
 _WITH_PROFILES, _WITH_DEFINITIONS = 2, 4
 """Versions of the tables from which on they have these."""
@@ -45,12 +48,16 @@ _FORMATS = {
 
 
 class Db3Reader(Sqlite3Reader):
-    """Gives the messages as its base does."""
+    """Gives the messages as its base does, which makes an address of the path; of a name like `50%.db3` also."""
+
+    def __init__(self, path: Any) -> None:
+        super().__init__(Path(quote(str(path))))
+        self._file = Path(str(path))
 
     def _open(self) -> None:
         """Fill in the topics with the numbers of their messages, if nothing is wrong; no span of time is looked for."""
         database: Any = self.dbconn
-        bound = WorkBound(Path(str(self.path)))
+        bound = WorkBound(self._file)
         database.set_progress_handler(bound, STEPS_AT_ONCE)
         try:
             self._fill_in(database)
@@ -62,7 +69,8 @@ class Db3Reader(Sqlite3Reader):
 
     def _fill_in(self, database: Any) -> None:
         """Look at the tables before anything of them is read, and at the indexes when the messages are counted."""
-        _refuse(odd_tables(database).values())
+        n_behind = bytes_behind(self._file)
+        _refuse([*odd_tables(database).values(), *([words_of_rest(n_behind)] if n_behind else [])])
         ((n_tables,),) = database.execute(_TABLES)
         if n_tables != 2:
             _refuse(["its tables messages or topics are missing"])
