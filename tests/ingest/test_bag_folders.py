@@ -1,5 +1,6 @@
 """Folders of recordings whose files and metadata do not fit: what is there is read, the rest is said with numbers."""
 
+import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -240,3 +241,15 @@ def test_what_else_lies_in_a_folder_is_passed_over(tmp_path):
     log, report = read(tmp_path)
     np.testing.assert_array_equal(log.ranges_m, World().ranges_m)
     assert not report.warnings
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+@pytest.mark.parametrize("mode", [0o444, 0o111])
+def test_a_folder_that_may_not_be_entered_or_listed_is_refused(mode, tmp_path):
+    folder = tmp_path / "closed"
+    folder.mkdir()
+    write_bag1(folder / "a.bag", World())
+    folder.chmod(mode)
+    with pytest.raises(LogError, match="Permission denied"):
+        read(folder)
+    folder.chmod(0o755)

@@ -30,10 +30,16 @@ def journals_of(file: Path) -> list[Path]:
     """What lies beside a .db3: a write-ahead log that is not empty, and a rollback journal that is not done with."""
     log, journal = (file.with_name(file.name + suffix) for suffix in (_WAL, _JOURNAL))
     found = [log] if log.is_file() and log.stat().st_size > 0 else []
-    if journal.is_file():
+    return [*found, journal] if journal.is_file() and not _is_done_with(journal) else found
+
+
+def _is_done_with(journal: Path) -> bool:
+    """Whether the head of a rollback journal was wiped, or it is empty; one that cannot be read may not be."""
+    try:
         with journal.open("rb") as stream:
-            found += [journal] if stream.read(len(_JOURNAL_MAGIC)) == _JOURNAL_MAGIC else []
-    return found
+            return stream.read(len(_JOURNAL_MAGIC)) != _JOURNAL_MAGIC
+    except OSError:
+        return False
 
 
 def join_journals(file: Path, target: Path, limit_bytes: int) -> tuple[int, list[str]]:
@@ -48,9 +54,6 @@ def join_journals(file: Path, target: Path, limit_bytes: int) -> tuple[int, list
     # What is written back may lie behind the end of the file.
     if 2 * n_bytes > min(limit_bytes, free):
         why = "a copy of the two would not fit on the disk or into ingest.max_unpacked_gib"
-    elif any(_names_another_file(one) for one in journals):
-        # SQLite deletes the file that such a journal names.
-        why = "it belongs to a transaction over several files"
     else:
         try:
             said = _played_back(file, target, journals)
@@ -72,6 +75,10 @@ def _beside(target: Path) -> Iterator[Path]:
 
 def _played_back(file: Path, target: Path, journals: list[Path]) -> list[str]:
     """Copy a .db3 with its journals, and let SQLite bring them together; what was done, a sentence for each."""
+    if any(_names_another_file(one) for one in journals):
+        # SQLite deletes the file that such a journal names.
+        msg = "it belongs to a transaction over several files"
+        raise sqlite3.NotSupportedError(msg)
     # The log first: a recorder that still runs may move what is in it into the file meanwhile.
     for one in (*journals, file):
         _copy(one, target.with_name(target.name + one.name.removeprefix(file.name)))

@@ -151,7 +151,8 @@ def check_path(path: Path) -> None:
     try:
         mode = path.stat().st_mode
         inner = sorted(path.iterdir()) if stat.S_ISDIR(mode) else []
-        is_bag = any(found.name == "metadata.yaml" for found in inner)
+        # Of a folder that may be listed and not entered nothing can be looked at.
+        is_bag = any(found.name == "metadata.yaml" for found in inner) or (path / "metadata.yaml").is_file()
         odd = [found for found in inner if is_bag and not (found.is_file() or found.is_dir())]
     except FileNotFoundError as err:
         msg = f"{path}: no such file or folder"
