@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, TypeVar
 
-from mcap.reader import McapReader, make_reader
-from mcap.records import Attachment, Metadata, Statistics
+from mcap import stream_reader
+from mcap.reader import McapReader, NonSeekingReader, make_reader
+from mcap.records import Attachment, Message, Metadata, Schema
+from mcap.records import Channel as ChannelRecord
+from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinitionFormat
 from rosbags.rosbag2.metadata import dump_qos_v8
@@ -19,16 +23,44 @@ from rosbags.rosbag2.metadata import dump_qos_v8
 from dynmap_cli.export.channels import as_usual, faults_of
 from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError, check_counts, missing_messages
 from dynmap_cli.ingest.containers.bags import open_bag, stored_connections
-from dynmap_cli.ingest.containers.mcap_records import mcap_extras
+from dynmap_cli.ingest.containers.mcap_chunks import are_orderly
+from dynmap_cli.ingest.containers.mcap_records import (
+    LARGEST_COPIED,
+    NOT_COPIED,
+    mcap_attachments,
+    mcap_metadata,
+)
 from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.containers.salvage import Span, stored_messages
 from dynmap_cli.ingest.containers.type_stores import usual_definition
-from dynmap_cli.ingest.containers.unpacking import unpacked_message
+from dynmap_cli.ingest.containers.unpacking import MOST_UNPACKED, unpack_whole, unpacked_message
 from dynmap_cli.ingest.messages.blocks import check_rows
 from dynmap_cli.ingest.messages.stored import ORPHAN, Channel, Losses, StoredMessage, words_of
 from dynmap_cli.ingest.raw.recording import file_name
 
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
+_TOO_LARGE = f"messages {NOT_COPIED}"
+_Found = tuple[Schema | None, ChannelRecord, Message]
+Extra = TypeVar("Extra", Attachment, Metadata)
+
+
+class _BoundedUnpacking:
+    """What the library of MCAP uses to unpack chunks, which believes any size that they state."""
+
+    def __init__(self, compression: str) -> None:
+        self._compression = compression
+
+    def decompress(self, data: bytes, _n_bytes: int = 0) -> bytes:
+        """Unpack a chunk."""
+        return unpack_whole(data, self._compression)
+
+
+def _bound_chunks() -> None:
+    library: Any = stream_reader
+    library.zstandard, library.lz4 = _BoundedUnpacking("zstd"), _BoundedUnpacking("lz4")
+
+
+_bound_chunks()
 
 
 class UnreadableContainerError(Exception):
@@ -69,17 +101,17 @@ class Container:
     profile : str
         "ros1", "ros2", or what an MCAP file says.
     messages : iterator of StoredMessage
-    attachments : tuple of Attachment
-    metadata : tuple of Metadata
-        Of MCAP files.
+    attachments : iterable of Attachment
+    metadata : iterable of Metadata
+        Of MCAP files; to be gone through once.
     damage : Damage or None
         Of a recording that is read as far as it is whole.
     """
 
     profile: str
     messages: Iterator[StoredMessage]
-    attachments: tuple[Attachment, ...] = ()
-    metadata: tuple[Metadata, ...] = ()
+    attachments: Iterable[Attachment] = ()
+    metadata: Iterable[Metadata] = ()
     damage: Damage | None = None
 
 
@@ -125,15 +157,20 @@ def open_container(source: Source, refused: Mapping[Path, str], stack: ExitStack
 def _open_mcap(file: Path, path: Path, stack: ExitStack) -> Container:
     """Open an MCAP file of any profile; *path* is the file, or the folder it is part of."""
     try:
-        reader = make_reader(stack.enter_context(file.open("rb")), validate_crcs=True)
+        stream = stack.enter_context(file.open("rb"))
+        reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
         if summary is None:
             raise UnreadableContainerError(path, "it has no summary")
+        if any(chunk.uncompressed_size > MOST_UNPACKED for chunk in summary.chunk_indexes):
+            raise UnreadableContainerError(
+                path, f"a block of messages of more than {MOST_UNPACKED >> 20} MiB"
+            )
         return Container(
             reader.get_header().profile,
-            _mcap_messages(reader, path, summary.statistics),
-            tuple(reader.iter_attachments()),
-            tuple(reader.iter_metadata()),
+            _mcap_messages(_found(reader, stream, summary), path, summary),
+            _whole_extras(mcap_attachments, file, path),
+            _whole_extras(mcap_metadata, file, path),
         )
     except UnreadableContainerError:
         raise
@@ -141,10 +178,25 @@ def _open_mcap(file: Path, path: Path, stack: ExitStack) -> Container:
         raise UnreadableContainerError(path, words_of(err)) from err
 
 
-def _mcap_messages(reader: McapReader, path: Path, statistics: Statistics | None) -> Iterator[StoredMessage]:
-    """All messages, by log time."""
+def _whole_extras(read: Callable[[Path, Losses], Iterator[Extra]], file: Path, path: Path) -> Iterator[Extra]:
+    """Attachments or metadata of a file, of which none may be lost."""
+    losses = Losses()
+    yield from read(file, losses)
+    for why in losses.why:
+        raise UnreadableContainerError(path, why)
+
+
+def _found(reader: McapReader, stream: IO[bytes], summary: Summary) -> Iterator[_Found]:
+    """All messages, by log time; as they lie in the file where the memory would not hold what is out of order."""
+    if are_orderly(list(summary.chunk_indexes)):
+        return reader.iter_messages()
+    stream.seek(0)
+    return NonSeekingReader(stream, validate_crcs=True).iter_messages(log_time_order=False)
+
+
+def _mcap_messages(stream: Iterator[_Found], path: Path, summary: Summary) -> Iterator[StoredMessage]:
+    """All messages of a file, whose summary says how many there are."""
     channels: dict[int, Channel] = {}
-    stream = reader.iter_messages()
     found = 0
     while True:
         try:
@@ -166,13 +218,14 @@ def _mcap_messages(reader: McapReader, path: Path, statistics: Statistics | None
                 raise UnreadableContainerError(path, fault)
             channels[channel.id] = found_channel
         found += 1
+        _check_size(path, message.data)
         yield _plain(
             StoredMessage(
                 message.log_time, message.publish_time, message.sequence, channels[channel.id], message.data
             )
         )
-    if statistics is not None:
-        _check_count(path, statistics.message_count, found)
+    if summary.statistics is not None:
+        _check_count(path, summary.statistics.message_count, found)
 
 
 def _open_bag(source: Source, stack: ExitStack) -> Container:
@@ -203,6 +256,7 @@ def _bag_messages(reader: AnyReader, channels: dict[int, Channel], path: Path) -
         except Exception as err:
             raise UnreadableContainerError(path, words_of(err)) from err
         key = id(connection)
+        _check_size(path, data)
         yield _plain(StoredMessage(logged_ns, logged_ns, counts[key], channels[key], bytes(data)))
         counts[key] += 1
     _check_count(path, sum(connection.msgcount for connection in stored_connections(reader)), counts.total())
@@ -215,6 +269,12 @@ def _check_count(path: Path, stated: int, found: int) -> None:
         raise UnreadableContainerError(path, why)
 
 
+def _check_size(path: Path, data: bytes) -> None:
+    """Refuse a recording with a message that is not copied, to be read message by message without it."""
+    if len(data) > LARGEST_COPIED:
+        raise UnreadableContainerError(path, _TOO_LARGE)
+
+
 def _salvaged(path: Path, name: str, kind: str, why: str) -> Container:
     """What is whole in a damaged recording, in the order in which it was written."""
     damage = Damage(name, kind, Losses([why]))
@@ -222,20 +282,19 @@ def _salvaged(path: Path, name: str, kind: str, why: str) -> Container:
     if kind == "ROS 1 bag":
         return Container("ros1", messages, damage=damage)
     files = sorted(path.glob("*.mcap")) if path.is_dir() else [path] if path.suffix == ".mcap" else []
-    attachments: list[Attachment] = []
-    metadata: list[Metadata] = []
-    for file in files:
-        more, notes = mcap_extras(file)
-        attachments += more
-        metadata += notes
+    attachments = chain.from_iterable(mcap_attachments(file, damage.losses) for file in files)
+    metadata = chain.from_iterable(mcap_metadata(file, damage.losses) for file in files)
     profile = _profile_of(files[0]) if files else "ros2"
-    return Container(profile, messages, tuple(attachments), tuple(metadata), damage=damage)
+    return Container(profile, messages, attachments, metadata, damage=damage)
 
 
 def _whole_messages(path: Path, damage: Damage) -> Iterator[StoredMessage]:
     """Yield the messages that are whole and count them."""
     described: dict[Channel, Channel] = {}
     for stored in stored_messages(path, damage.losses):
+        if len(stored.data) > LARGEST_COPIED:
+            damage.losses.note(_TOO_LARGE, messages=1)
+            continue
         damage.messages += 1
         damage.span.add(stored.logged_ns)
         if stored.channel not in described:

@@ -14,6 +14,7 @@ from dynmap_cli.export.mcap_copy import McapCopy
 from dynmap_cli.export.messages import in_order, open_container
 from dynmap_cli.export.sources import copy_sources
 from dynmap_cli.files.atomic import replacing
+from dynmap_cli.ingest.containers.mcap_records import NOT_COPIED
 from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.settings import IngestSettings
 
@@ -42,10 +43,11 @@ class Salvaged:
         return {"output": str(self.out_path), "messages": dict(self.messages), "losses": self.losses}
 
     def lines(self) -> list[str]:
-        """For people; the losses stand on the screen of the recording already."""
+        """For people; losses stand on the screen of the recording already, but for what only a copy leaves out."""
         whole = "" if self.losses else "; nothing was lost, the recording is whole"
         total = f"salvaged {self.messages.total()} messages on {len(self.messages)} topics{whole}"
-        return [total, f"recording  {self.out_path}"]
+        left_out = [line for line in self.losses if NOT_COPIED in line]
+        return [total, *left_out, f"recording  {self.out_path}"]
 
 
 def write_salvaged(paths: Sequence[Path], out_path: Path, settings: IngestSettings) -> Salvaged:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +17,7 @@ from dynmap_cli.errors import LogError
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.account import report_on
 from dynmap_cli.ingest.choices.clock_offsets import align_clocks
-from dynmap_cli.ingest.choices.clock_sets import interleaved_ns, join_set_clocks, undo_set_back
+from dynmap_cli.ingest.choices.clock_sets import join_set_clocks
 from dynmap_cli.ingest.choices.clock_steps import mend_clock_steps
 from dynmap_cli.ingest.choices.clocks import part_clocks
 from dynmap_cli.ingest.choices.doubts import (
@@ -45,7 +44,6 @@ from dynmap_cli.ingest.choices.merging import (
     join_recordings,
     joined_logs,
 )
-from dynmap_cli.ingest.choices.mixed import drop_mixed
 from dynmap_cli.ingest.choices.mountings import mounting_of, robot_turns, turned_over
 from dynmap_cli.ingest.choices.odometry import ends_without_odometry, find_odometry
 from dynmap_cli.ingest.choices.odometry_sources import Odometry, find_candidates
@@ -57,19 +55,14 @@ from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.turns import ReferenceLaser, agreement_at
 from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
 from dynmap_cli.ingest.choices.units import mend_units
-from dynmap_cli.ingest.containers.opening import Source, find_sources
+from dynmap_cli.ingest.containers.opening import find_sources
+from dynmap_cli.ingest.loading import load_all
 from dynmap_cli.ingest.raw.columns import blocks_of, known_rows, picked, picked_rows, put_rows, spans
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
-from dynmap_cli.ingest.text.carmen import read_carmen
-from dynmap_cli.ingest.text.wean import read_wean
-
-_log = logging.getLogger(__name__)
-
-_BAG_NAMES = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "db3": "ROS 2 bag (.db3)", "mcap": "MCAP file"}
 
 
 def read_recordings(
@@ -207,9 +200,10 @@ def load_recordings(
     space = space or Space()
     with tempfile.TemporaryDirectory(prefix="dynmap-") as scratch:
         limit_bytes = int(settings.max_unpacked_gib * 2**30)
-        sources = [source for path in paths for source in find_sources(path, Path(scratch), limit_bytes)]
-        recordings = [_load(source, settings, space) for source in sources]
-    for source, recording in zip(sources, recordings, strict=True):
+        sources = [find_sources(path, Path(scratch), limit_bytes) for path in paths]
+        loaded = [pair for found in sources for pair in load_all(found, settings, space)]
+    recordings = [recording for _, recording in loaded]
+    for source, recording in loaded:
         if source.damage and source.damage not in recording.damage:
             note_damaged_pack(recording, source.damage)
         if settings.strict and recording.damage:
@@ -224,38 +218,6 @@ def load_recordings(
         join_restarts(recording)
         drop_impossible(recording)
     return recordings
-
-
-def _load(source: Source, settings: IngestSettings, space: Space) -> RawRecording:
-    """Read one recording with the reader of its format."""
-    _log.debug("%s: %s", source.name, source.kind)
-    if source.kind in {"carmen", "wean"}:
-        read = read_carmen if source.kind == "carmen" else read_wean
-        return read(source.path, source.name, space.folder)
-    # Text logs do without the libraries for bags.
-    from dynmap_cli.ingest.clouds import add_clouds, wanted_clouds
-    from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError
-    from dynmap_cli.ingest.containers.bags import read_bag
-    from dynmap_cli.ingest.containers.salvage import read_salvaged
-
-    kind = _BAG_NAMES[source.kind]
-    try:
-        if source.damage:
-            raise UnreadableBagError(source.damage)
-        recording = read_bag(source.path, source.name, kind, space)
-        mixed_ns = interleaved_ns(recording)
-        if mixed_ns is not None:
-            written = read_salvaged(source.path, source.name, kind, UnreadableBagError(""), space.folder)
-            if written.n_read == recording.n_read and not written.damage and undo_set_back(written):
-                recording = written
-            else:
-                drop_mixed(recording, *mixed_ns)
-    except UnreadableBagError as err:
-        recording = read_salvaged(source.path, source.name, kind, err, space.folder)
-    clouds = wanted_clouds(recording, settings)
-    if clouds:
-        add_clouds(recording, source.path, clouds, settings)
-    return recording
 
 
 def _chosen_lasers(

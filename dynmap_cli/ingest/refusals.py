@@ -14,6 +14,13 @@ _WANTED = {
     "Wean Hall text": "L lines of 180 readings",
 }
 """What text logs hold sweeps in."""
+_REPAIRS = {
+    "ROS 1 bag": ", or repair it first (`rosbag reindex`)",
+    "MCAP file": ", or repair it first (`mcap recover`)",
+    "ROS 2 bag (.db3)": ", or repair it first (`.recover` of sqlite3)",
+    "ROS 2 bag": ", or repair its files first (`.recover` of sqlite3, `mcap recover`)",
+}
+"""What may help where nothing can be read, by format."""
 
 
 def require_lasers(recordings: Sequence[RawRecording]) -> None:
@@ -56,8 +63,8 @@ def damage_refused(recording: RawRecording) -> LogError:
 def damaged(name: str, kind: str, err: Exception) -> LogError:
     """One line for what a reading library could not digest."""
     return LogError(
-        f"{name}: this {kind} is cut off or damaged ({words_of(err)}). Copy it again from the robot, or repair it "
-        "first (`rosbag reindex`, `mcap recover`)."
+        f"{name}: this {kind} is cut off or damaged ({words_of(err)}). Copy it again from the robot"
+        f"{_REPAIRS.get(kind, '')}."
     )
 
 

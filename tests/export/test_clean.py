@@ -21,7 +21,8 @@ from dynmap_cli.export.labels import BeamLabels, hits_known_state
 from dynmap_cli.export.text_logs import TextChoices
 from dynmap_cli.files.counting_map import read_beams, read_unknown
 from dynmap_cli.files.scan_log import read_scan_log
-from dynmap_cli.ingest.containers.mcap_records import mcap_extras
+from dynmap_cli.ingest.containers.mcap_records import mcap_attachments, mcap_metadata
+from dynmap_cli.ingest.messages.stored import Losses
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.written import (
@@ -347,7 +348,7 @@ def test_attachments_and_metadata_of_a_cut_file_are_kept(tmp_path):
         writer.start(profile="ros2", library="test")
         writer.add_attachment(1, 2, "note.txt", "text/plain", b"a note")
         writer.add_metadata("robot", {"name": "r2"})
-    attachments, metadata = mcap_extras(path)
+    attachments, metadata = tuple(mcap_attachments(path, Losses())), tuple(mcap_metadata(path, Losses()))
     assert [(one.name, one.data) for one in attachments] == [("note.txt", b"a note")]
     assert [(one.name, one.metadata) for one in metadata] == [("robot", {"name": "r2"})]
 

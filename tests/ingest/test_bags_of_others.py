@@ -7,7 +7,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.written import World, write_bag2, write_mcap
+from tests.ingest.written import World, packed, write_bag1, write_bag2, write_mcap
 
 INFORMATION = "rosbag2_bagfile_information"
 
@@ -62,3 +62,23 @@ def test_the_file_of_a_bag_folder_may_have_been_renamed(plugin, tmp_path):
     (file,) = (one for one in path.iterdir() if one.suffix in {".mcap", ".db3"})
     file.rename(path / f"renamed{file.suffix}")
     read_clean(path, world)
+
+
+@pytest.mark.parametrize("encoding", ["ros1msg", "jsonschema", "protobuf", ""])
+@pytest.mark.parametrize("profile", ["ros2", ""])
+def test_definitions_of_another_kind_or_none_are_no_damage_where_the_type_is_a_known_one(
+    encoding, profile, tmp_path
+):
+    def prepare(writer):
+        register = writer.register_schema
+        writer.register_schema = lambda name, _encoding, _data: register(name, encoding, b"")
+
+    path = write_mcap(tmp_path / "a.mcap", World(), profile, prepare=prepare)
+    read_clean(path, World())
+
+
+def test_zstd_behind_a_frame_that_is_to_be_skipped_is_unpacked(tmp_path):
+    """As pzstd writes it."""
+    path = packed(write_bag1(tmp_path / "a.bag", World()), "zst")
+    path.write_bytes(b"\x50\x2a\x4d\x18\x04\x00\x00\x00\x01\x02\x03\x04" + path.read_bytes())
+    read_clean(path, World())

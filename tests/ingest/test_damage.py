@@ -201,7 +201,7 @@ def test_a_folder_without_usable_metadata_is_read_file_by_file(tmp_path):
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
     log, report = read_recordings([folder], SETTINGS)
     np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
-    assert "metadata key is missing" in report.warnings[0]
+    assert "'relative_file_paths' is missing" in report.warnings[0]
 
 
 def test_metadata_of_a_recorder_that_crashed_name_no_topic_and_the_files_are_read(tmp_path):

@@ -25,6 +25,8 @@ from tests.ingest.written import World
         (b"rosbag2_bagfile_information:\n  version: 9\n", "the metadata of a ROS 2 bag. Pass the folder"),
         (b"\xd4\xc3\xb2\xa1\x02\x00", "a capture of network packets. Record the laser scans or points"),
         (b"\xed\xa1\xda\x01\x00\x00", "an LCM log. Convert it"),
+        (b"a.bag".ljust(257, b"\0") + b"ustar\x0000", "a tar archive. Unpack it"),
+        (b"\x04\x22\x4d\x18\x64\x40\xa7\x00", "an archive of a kind that is not unpacked. Unpack it"),
         (b"\x12\x81\x92CObservation2DRangeScan\x00\x00", "an MRPT rawlog. Convert it"),
         (b"VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0\n", "a pose graph without scans"),
         (

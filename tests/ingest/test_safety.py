@@ -28,7 +28,7 @@ SETTINGS = IngestSettings()
 def test_blocks_of_messages_unpack_to_so_much_and_no_more(variant, tmp_path, monkeypatch):
     path = FILES[variant](tmp_path)
     assert read_recordings([path], SETTINGS)[0].n_scans == 60
-    monkeypatch.setattr(unpacking, "_MOST_BYTES", 500)
+    monkeypatch.setattr(unpacking, "MOST_UNPACKED", 500)
     _, report = read_recordings([path], SETTINGS)
     assert re.search(r"lost .*\d+ blocks of messages", report.warnings[0])
 
@@ -45,7 +45,7 @@ def test_what_is_unpacked_in_one_go_is_bounded(how, monkeypatch):
     assert unpacking.unpack_whole(pack(content), how) == content
     with pytest.raises((ValueError, zstandard.ZstdError)):
         unpacking.unpack_whole(pack(content)[:-9], how)
-    monkeypatch.setattr(unpacking, "_MOST_BYTES", 1 << 20)
+    monkeypatch.setattr(unpacking, "MOST_UNPACKED", 1 << 20)
     with pytest.raises(ValueError, match="more than 1 MiB"):
         unpacking.unpack_whole(pack(bytes(5 << 20)), how)
 

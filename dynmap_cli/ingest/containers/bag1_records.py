@@ -13,7 +13,7 @@ from itertools import chain, repeat
 from pathlib import Path
 from typing import NamedTuple
 
-from dynmap_cli.ingest.containers.unpacking import unpack, view_of
+from dynmap_cli.ingest.containers.unpacking import HELD_BYTES, give_back, unpack, view_of
 from dynmap_cli.ingest.messages.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.printable import printable
 
@@ -141,7 +141,11 @@ def _learn(connections: dict[int, Channel], record: _Record, view: memoryview) -
 
 def _records(view: memoryview, position: int, losses: Losses) -> Iterator[_Record]:
     """The records of a file or chunk up to the first that is broken; one that is cut off comes as far as it goes."""
+    held_from = position
     while position < len(view):
+        if position - held_from > HELD_BYTES:
+            give_back(view)
+            held_from = position
         try:
             (header_bytes,) = _U32.unpack_from(view, position)
             start = position + 8 + header_bytes

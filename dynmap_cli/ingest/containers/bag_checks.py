@@ -9,6 +9,7 @@ from rosbags.highlevel import AnyReader
 
 from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
 from dynmap_cli.ingest.containers.db3_opening import Db3Reader
+from dynmap_cli.ingest.containers.mcap_chunks import can_be_sorted
 from dynmap_cli.ingest.containers.mcap_records import (
     BROKEN_SUMMARY,
     SummaryState,
@@ -18,6 +19,8 @@ from dynmap_cli.ingest.containers.mcap_records import (
 from dynmap_cli.ingest.messages.stored import nameless_topics, words_of_encoding, words_of_rest
 from dynmap_cli.printable import printable
 
+_NOTHING_WRONG = ""
+
 
 class UnreadableBagError(Exception):
     """A bag that rosbags refuses.
@@ -25,8 +28,8 @@ class UnreadableBagError(Exception):
     Attributes
     ----------
     why : str
-        What is wrong with it; "" for an MCAP file of a profile other than "ros2", or with types named as in
-        ROS 1, with which nothing is wrong.
+        What is wrong with it; "" for an MCAP file of a profile other than "ros2", with types named as in ROS 1,
+        or of which too much overlaps, with which nothing is wrong.
     """
 
     def __init__(self, why: str) -> None:
@@ -96,6 +99,13 @@ def check_index(reader: Any) -> None:
     n_behind = bag1_bytes_behind(reader.path) if chunks else 0
     if n_behind:
         raise UnreadableBagError(words_of_rest(n_behind))
+
+
+def check_order(reader: Any) -> None:
+    """Refuse MCAP files of which too much overlaps to be brought into order; nothing is wrong with them."""
+    for file in files_of(reader):
+        if not can_be_sorted(getattr(file, "chunks", [])):
+            raise UnreadableBagError(_NOTHING_WRONG)
 
 
 def files_of(inner: Any) -> list[Any]:

@@ -9,13 +9,15 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import reader as rosbag1_reader
+from rosbags.rosbag2 import reader as rosbag2_reader
 from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2.errors import ReaderError
 from rosbags.typesys.store import Typestore
 
 from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks, is_orderly
@@ -24,6 +26,7 @@ from dynmap_cli.ingest.containers.bag_checks import (
     check_counts,
     check_file,
     check_index,
+    check_order,
     check_topics,
     files_of,
 )
@@ -49,7 +52,8 @@ _ABOUT_FILE = re.compile(r"^Cannot open database .*?: ")
 _NO_TOPICS = "its metadata.yaml names no topic"
 _NOTHING_WRONG = ""
 _NO_DAMAGE = ("Profile is not ros2", "messages are not in timestamp order")
-"""What the library does not read although nothing is wrong with it."""
+_SCHEMAS_OF_OTHERS = frozenset({"ros1msg", "jsonschema", "protobuf", "flatbuffer"})
+"""Well-known encodings of schemas, by the registry of MCAP, of which the library knows nothing."""
 
 
 def _bound_blocks() -> None:
@@ -58,10 +62,27 @@ def _bound_blocks() -> None:
         rosbag1_reader.decompressors[how] = functools.partial(unpack_whole, compression=how)
     for how in ("lz4", "zstd"):
         storage_mcap.DECOMPRESSORS[how] = functools.partial(_unpack_sized, how)
+    unbounded: Any = rosbag2_reader
+    unbounded.zstd = _BoundedZstd
 
 
 def _unpack_sized(how: str, data: bytes, _n_bytes: int) -> bytes:
     return unpack_whole(data, how)
+
+
+class _BoundedZstd:
+    """What the library uses of zstd for folders: messages that are packed one by one, and files that are."""
+
+    @staticmethod
+    def decompress(data: bytes) -> bytes:
+        """Unpack a message."""
+        return unpack_whole(data, "zstd")
+
+    @staticmethod
+    def open(*_: object) -> NoReturn:
+        """Refuse to unpack a file: that is done before, with a bound on the disk."""
+        msg = "its files are packed, and not as its metadata.yaml says"
+        raise ReaderError(msg)
 
 
 _bound_blocks()
@@ -166,6 +187,7 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
             reader.open()
             for inner in reader.readers:
                 check_index(inner)
+                check_order(inner)
             if path.is_dir() and not reader.connections:
                 raise UnreadableBagError(_NO_TOPICS)
             check_topics(reader)
@@ -203,6 +225,8 @@ def _refusals() -> Iterator[None]:
 
 def _damage_in(err: Exception) -> str:
     """What the library complains of; "" where that is no damage."""
+    if isinstance(err, KeyError) and err.args and str(err.args[0]) in _SCHEMAS_OF_OTHERS:
+        return _NOTHING_WRONG
     why = _ABOUT_FILE.sub("", words_of(err))
     return _NOTHING_WRONG if any(words in why for words in _NO_DAMAGE) else why
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from rosbags.interfaces import (
     Connection,
@@ -28,10 +29,12 @@ from dynmap_cli.ingest.containers.db3_tables import (
     STEPS_AT_ONCE,
     TOO_LONG,
     WorkBound,
+    bytes_behind,
     odd_indexes,
     odd_tables,
     odd_topics,
 )
+from dynmap_cli.ingest.messages.stored import words_of_rest
 
 _WITH_PROFILES, _WITH_DEFINITIONS = 2, 4
 """Versions of the tables from which on they have these."""
@@ -60,7 +63,9 @@ class Db3Reader(Sqlite3Reader):
     """
 
     def __init__(self, path: Path, *, is_part: bool = False) -> None:
-        super().__init__(path)
+        # The base makes an address of it.
+        super().__init__(Path(quote(str(path))))
+        self._file = path
         self._is_part = is_part
         self._counts: Mapping[Any, int] | None = None
 
@@ -74,7 +79,7 @@ class Db3Reader(Sqlite3Reader):
             If they would take longer.
         """
         database: Any = self.dbconn
-        bound = WorkBound(Path(str(self.path)))
+        bound = WorkBound(self._file)
         database.set_progress_handler(bound, STEPS_AT_ONCE)
         try:
             yield database
@@ -129,7 +134,8 @@ class Db3Reader(Sqlite3Reader):
 
     def _fill_in(self, database: Any) -> None:
         """Look at the tables before anything of them is read."""
-        _refuse(odd_tables(database).values())
+        n_behind = bytes_behind(self._file)
+        _refuse([*odd_tables(database).values(), *([words_of_rest(n_behind)] if n_behind else [])])
         ((n_tables,),) = database.execute(_TABLES)
         if n_tables != 2:
             _refuse(["its tables messages or topics are missing"])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-import struct
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,10 @@ from dynmap_cli.ingest.containers.db3_tables import (
     MOST_TOPICS,
     TOO_LONG,
     TOPICS,
+    bytes_behind,
     odd_tables,
     open_tables,
+    size_by_header,
     words_of_database,
 )
 from dynmap_cli.ingest.messages.stored import (
@@ -33,13 +34,13 @@ _MOST_GAPS = 200
 _FARTHEST_JUMP = 1 << 32
 _LEAST_NUMBER = -(1 << 63)
 _USUAL_ENCODING = "cdr"
-_HEADER = struct.Struct(">16xH10xI")
 
 
 def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     """Yield what can be read. `writable_schema` makes SQLite open a file that is shorter than its header says."""
     losses.n_bytes += path.stat().st_size
-    losses.note_missing(_missing_bytes(path))
+    losses.note_missing(size_by_header(path) - path.stat().st_size)
+    losses.note_behind(bytes_behind(path))
     try:
         with open_tables(path) as connection:
             connection.text_factory = lambda text: text.decode("utf-8", "backslashreplace")
@@ -58,21 +59,23 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
 
 
 def _messages(
-    connection: sqlite3.Connection, topics: dict[int, Channel], losses: Losses
+    connection: sqlite3.Connection, topics: Mapping[object, Channel], losses: Losses
 ) -> Iterator[StoredMessage]:
     """Rows that are messages of the topics, by their numbers."""
-    counts: Counter[int] = Counter()
+    counts: Counter[object] = Counter()
     for topic_id, stamp_ns, data in _rows(connection, losses):
         if not (isinstance(stamp_ns, int) and isinstance(data, bytes)):
-            losses.note("rows are no messages", messages=1)
-        elif isinstance(topic_id, int) and topic_id in topics:
+            losses.note("rows have no time in whole nanoseconds or no data", messages=1)
+        elif topic_id in topics:
             yield StoredMessage(stamp_ns, stamp_ns, counts[topic_id], topics[topic_id], data)
             counts[topic_id] += 1
         else:
             losses.note(ORPHAN, messages=1)
 
 
-def _topics(connection: sqlite3.Connection, losses: Losses, *, has_definitions: bool) -> dict[int, Channel]:
+def _topics(
+    connection: sqlite3.Connection, losses: Losses, *, has_definitions: bool
+) -> dict[object, Channel]:
     """Channels by number; bags before ROS 2 Iron hold no definitions of types, the first ones no profiles."""
     offered = dict(_optional(connection, "SELECT id, offered_qos_profiles FROM topics"))
     query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions LIMIT ?"
@@ -86,7 +89,7 @@ def _topics(connection: sqlite3.Connection, losses: Losses, *, has_definitions: 
     for why in nameless_topics((name, kind) for _, name, kind, _ in rows):
         losses.note(why)
     names = _names([(number, name) for number, name, *_ in rows])
-    topics: dict[int, Channel] = {}
+    topics: dict[object, Channel] = {}
     for (number, _, kind, stated), name in zip(rows, names, strict=True):
         if number in topics:
             losses.note(
@@ -146,13 +149,3 @@ def _rows(connection: sqlite3.Connection, losses: Losses) -> Iterator[tuple[obje
             last = max(last, 0)
             gaps += jump <= 1
             jump = max(2 * jump, 1)
-
-
-def _missing_bytes(path: Path) -> int:
-    """How much shorter the file is than its header says."""
-    with path.open("rb") as stream:
-        header = stream.read(_HEADER.size)
-    if len(header) < _HEADER.size:
-        return 0
-    page_bytes, n_pages = (int(number) for number in _HEADER.unpack(header))
-    return n_pages * (page_bytes if page_bytes > 1 else 1 << 16) - path.stat().st_size

@@ -7,6 +7,7 @@ over do the same. So only real tables are read, for no longer than a file of its
 from __future__ import annotations
 
 import sqlite3
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,8 @@ _STEPS_AT_LEAST, _STEPS_PER_BYTE = 1 << 23, 2
 STEPS_AT_ONCE = 1 << 14
 _BY_INDEX = 'SELECT total(1) FROM messages INDEXED BY "{}"'
 _NUMBERS = "SELECT count(DISTINCT id) FROM topics NOT INDEXED WHERE typeof(id) = 'integer'"
+_HEADER = struct.Struct(">16xH6xII60xI")
+"""Size of a page, changes of the file, its number of pages, and the change at which that was right."""
 TOO_LONG = "its tables hold more rows than have room in the file"
 
 
@@ -79,6 +82,23 @@ def odd_tables(connection: Any) -> dict[str, str]:
     return faults
 
 
+def size_by_header(path: Path) -> int:
+    """How long a file should be, by its header; 0 where the header does not say."""
+    with path.open("rb") as stream:
+        header = stream.read(_HEADER.size)
+    if len(header) < _HEADER.size:
+        return 0
+    page_bytes, changed, n_pages, valid_for = (int(number) for number in _HEADER.unpack(header))
+    # Old versions of SQLite do not keep the number of pages.
+    return n_pages * (page_bytes if page_bytes > 1 else 1 << 16) if changed == valid_for else 0
+
+
+def bytes_behind(path: Path) -> int:
+    """How many bytes lie behind the end of a file by its header; they are not read."""
+    size = size_by_header(path)
+    return max(path.stat().st_size - size, 0) if size else 0
+
+
 def words_of_database(err: sqlite3.Error) -> str:
     """What SQLite complains of."""
     return TOO_LONG if str(err) == "interrupted" else words_of(err)
@@ -91,7 +111,9 @@ def odd_topics(connection: Any) -> Iterator[str]:
         yield f"it has {n_topics} topics (at most {MOST_TOPICS})"
         return
     n_numbers = _count(connection, _NUMBERS)
-    if n_numbers != n_topics:
+    if n_topics and not n_numbers:
+        yield f"none of its {n_topics} topics has a whole number"
+    elif n_numbers != n_topics:
         yield f"its {n_topics} topics have {n_numbers} different numbers"
 
 

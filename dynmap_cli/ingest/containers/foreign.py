@@ -6,12 +6,18 @@ import re
 
 _CONVERT = "Convert it to a ROS bag or to CARMEN text"
 _TAKE_SOURCE = "Pass the recording that it was made from"
+_UNPACK = "Unpack it and pass the recording inside"
 _WEAN_MAP = ("a map as CMU's wean.dat, not a log", "Pass it with `dynmap localize --map`")
 _STARTS = (
     (
         (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x0a\x0d\x0d\x0a"),
         "a capture of network packets",
         "Record the laser scans or points that the driver publishes",
+    ),
+    (
+        (b"7z\xbc\xaf\x27\x1c", b"Rar!", b"\x1f\x9d", b"\x04\x22\x4d\x18"),
+        "an archive of a kind that is not unpacked",
+        _UNPACK,
     ),
     ((b"\xed\xa1\xda\x01",), "an LCM log", _CONVERT),
     ((b"\x89HDF",), "an HDF5 file", _CONVERT),
@@ -27,6 +33,7 @@ _STARTS = (
     ((b"robot_specifications",), *_WEAN_MAP),
 )
 _INSIDE = (
+    (rb"\A[^\0](?s:.){256}ustar", "a tar archive", _UNPACK),
     (
         rb"C(Observation|Sensory|Action)\w+",
         "an MRPT rawlog",

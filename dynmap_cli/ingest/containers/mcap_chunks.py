@@ -26,15 +26,31 @@ _HEAD = np.dtype(
 _MESSAGE_HEAD_BYTES = 22
 _BEFORE_DATA = _FRAME.size + _MESSAGE_HEAD_BYTES
 _ENTRY_BYTES = 16
-_MOST_TOGETHER = 64
+_MOST_TOGETHER, _MOST_BYTES_TOGETHER = 64, 1 << 28
 
 
 def are_orderly(chunks: list[Any]) -> bool:
     """Whether there are chunks, and never so many of them overlap that they could not be held in memory."""
-    starts = np.sort([chunk.message_start_time for chunk in chunks])
-    ends = np.sort([chunk.message_end_time for chunk in chunks])
-    n_open = np.arange(1, starts.size + 1) - np.searchsorted(ends, starts, side="left")
-    return starts.size > 0 and int(n_open.max()) <= _MOST_TOGETHER
+    return (
+        bool(chunks) and _most_open(chunks, [1.0] * len(chunks)) <= _MOST_TOGETHER and can_be_sorted(chunks)
+    )
+
+
+def can_be_sorted(chunks: list[Any]) -> bool:
+    """Whether those that overlap, all of which are unpacked to bring their messages into order, are small enough."""
+    return _most_open(chunks, [float(chunk.uncompressed_size) for chunk in chunks]) <= _MOST_BYTES_TOGETHER
+
+
+def _most_open(chunks: list[Any], sizes: list[float]) -> float:
+    """The largest sum of the sizes of chunks that overlap at a time; 0 without any."""
+    starts = np.array([chunk.message_start_time for chunk in chunks], dtype=np.uint64)
+    ends = np.array([chunk.message_end_time for chunk in chunks], dtype=np.uint64)
+    by_start, by_end = np.argsort(starts, kind="stable"), np.argsort(ends, kind="stable")
+    begun = np.cumsum(np.array(sizes)[by_start])
+    over = np.concatenate([[0.0], np.cumsum(np.array(sizes)[by_end])])
+    return float(
+        (begun - over[np.searchsorted(ends[by_end], starts[by_start], side="left")]).max(initial=0.0)
+    )
 
 
 def ordered_messages(storage: Any, wanted: Mapping[int, int]) -> Iterator[Block]:

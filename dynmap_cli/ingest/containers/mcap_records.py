@@ -23,10 +23,13 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata, Schema
 from mcap.records import Channel as ChannelRecord
 
-from dynmap_cli.ingest.containers.unpacking import unpack, view_of
+from dynmap_cli.ingest.containers.unpacking import HELD_BYTES, MOST_UNPACKED, give_back, unpack, view_of
 from dynmap_cli.ingest.messages.stored import DAMAGE, Channel, Losses, StoredMessage
 from dynmap_cli.printable import printable
 
+LARGEST_COPIED = 1 << 27
+"""Bytes of a message or an attachment that is copied, for a copy holds it several times over in memory."""
+NOT_COPIED = f"of more than {LARGEST_COPIED >> 20} MiB, not copied"
 _MAGIC = b"\x89MCAP0\r\n"
 _MAGIC_BYTES = len(_MAGIC)
 _FRAME = struct.Struct("<BQ")
@@ -131,22 +134,41 @@ class _Names:
         )
 
 
-def mcap_extras(path: Path) -> tuple[tuple[Attachment, ...], tuple[Metadata, ...]]:
-    """Attachments and metadata that are whole; attachments that fail their checksum are left out."""
-    view = view_of(path)
-    attachments, metadata = [], []
-    for record in _records(view, _MAGIC_BYTES, Losses(), _known_places(view, summary_state(path))):
-        if not record.is_whole or record.op not in {Opcode.ATTACHMENT, Opcode.METADATA}:
+def mcap_attachments(path: Path, losses: Losses) -> Iterator[Attachment]:
+    """Yield attachments that are whole, none of them of more than `LARGEST_COPIED`."""
+    for record, view in _whole_records(path, Opcode.ATTACHMENT):
+        if record.end - record.start > LARGEST_COPIED:
+            losses.note(f"an attachment {NOT_COPIED}")
             continue
         content = bytes(view[record.start : record.end])
         try:
-            if record.op == Opcode.METADATA:
-                metadata.append(Metadata.read(ReadDataStream(BytesIO(content))))
-            elif _U32.unpack(content[-_U32.size :])[0] in {0, zlib.crc32(content[: -_U32.size])}:
-                attachments.append(Attachment.read(ReadDataStream(BytesIO(content))))
+            if _U32.unpack(content[-_U32.size :])[0] not in {0, zlib.crc32(content[: -_U32.size])}:
+                losses.note("an attachment fails its checksum")
+                continue
+            attachment = Attachment.read(ReadDataStream(BytesIO(content)))
         except (*DAMAGE, McapError):
-            continue
-    return tuple(attachments), tuple(metadata)
+            losses.note("an attachment is broken")
+        else:
+            yield attachment
+
+
+def mcap_metadata(path: Path, losses: Losses) -> Iterator[Metadata]:
+    """Yield metadata that are whole."""
+    for record, view in _whole_records(path, Opcode.METADATA):
+        try:
+            metadata = Metadata.read(ReadDataStream(BytesIO(view[record.start : record.end])))
+        except (*DAMAGE, McapError):
+            losses.note("metadata are broken")
+        else:
+            yield metadata
+
+
+def _whole_records(path: Path, op: Opcode) -> Iterator[tuple[_Record, memoryview]]:
+    """Records of a kind outside of chunks, and the bytes of the file."""
+    view = view_of(path)
+    for record in _records(view, _MAGIC_BYTES, Losses(), _known_places(view, summary_state(path))):
+        if record.is_whole and record.op == op:
+            yield record, view
 
 
 def mcap_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
@@ -192,6 +214,11 @@ def _chunk(record: _Record, view: memoryview, names: _Names, losses: Losses) -> 
         inner, is_whole = unpack(content[start + 8 : start + 8 + size], compression)
     except DAMAGE:
         losses.note("a block of messages is broken", n_bytes=len(content), chunks=1)
+        return
+    if len(inner) > MOST_UNPACKED and compression:
+        losses.note(
+            f"a block of messages of more than {MOST_UNPACKED >> 20} MiB", n_bytes=len(content), chunks=1
+        )
         return
     if record.is_whole and not (is_whole and checksum in {0, zlib.crc32(inner)}):
         losses.note("a block of messages fails its checksum", n_bytes=len(content), chunks=1)
@@ -249,7 +276,11 @@ def _records(
 
     No record reaches over one of the *places*: reading goes on there behind one that is broken.
     """
+    held_from = position
     while position < len(view):
+        if position - held_from > HELD_BYTES:
+            give_back(view)
+            held_from = position
         if bytes(view[position : position + _MAGIC_BYTES]) == _MAGIC:
             losses.note_behind(len(view) - position - _MAGIC_BYTES)
             return

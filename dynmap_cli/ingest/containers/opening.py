@@ -1,49 +1,35 @@
-"""From a path to plain recordings: unpacks .gz, .bz2, .xz, .zst and .zip; tells formats by content, not by name."""
+"""From a path to plain recordings: unpacks .gz, .bz2, .xz, .zst and .zip, and brings in what lies beside them."""
 
 from __future__ import annotations
 
-import re
 import stat
 import zipfile
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.containers.bag_folders import plain_folder
-from dynmap_cli.ingest.containers.foreign import foreign
-from dynmap_cli.ingest.containers.streams import STREAM_KINDS, DamagedStreamError, copy_limited, unpacked_file
+from dynmap_cli.ingest.containers.db3_journals import join_journals, journals_of
+from dynmap_cli.ingest.containers.formats import HEAD_BYTES, KNOWN, kind_of, kind_of_head
+from dynmap_cli.ingest.containers.streams import (
+    STREAM_KINDS,
+    DamagedStreamError,
+    copy_limited,
+    packed_head,
+    unpacked_file,
+)
 from dynmap_cli.ingest.containers.zip_members import Member, members_of, members_without_list
 from dynmap_cli.ingest.raw.recording import file_name
-from dynmap_cli.ingest.text.text_lines import BYTE_ORDER_MARK
 from dynmap_cli.printable import printable
 
-KNOWN = (
-    "CARMEN text, Wean Hall text, ROS 1 bag, ROS 2 bag (folder, .db3 or .mcap), MCAP of ROS 1 or Foxglove, "
-    "each plain, .gz, .bz2, .xz, .zst or in a .zip"
-)
-_MAGIC = (
-    (b"#ROSBAG V2.0", "ros1"),
-    (b"\x89MCAP0\r\n", "mcap"),
-    (b"SQLite format 3\x00", "db3"),
-    (b"\x1f\x8b", "gzip"),
-    (b"BZh", "bzip2"),
-    (b"\xfd7zXZ\x00", "xz"),
-    (b"\x28\xb5\x2f\xfd", "zstd"),
-    (b"PK\x03\x04", "zip"),
-    (b"PK\x05\x06", "zip"),
-)
 _SUFFIXES = {"ros1": ".bag", "db3": ".db3", "mcap": ".mcap"}
-_CARMEN = re.compile(
-    rb"^(#.*CARMEN|(FLASER|RLASER|ROBOTLASER\d|RAWLASER\d|ODOM|PARAM|SYNC)[ \t])", re.MULTILINE
-)
-_WEAN = re.compile(rb"^[OL]( -?[0-9.]+){4}", re.MULTILINE)
-_HEAD_BYTES = 1 << 16
+_NAMED_AS_RECORDINGS = frozenset({".bag", ".active", ".db3", ".mcap"})
+_BELONGING = ("metadata.yaml", "-wal", "-journal")
 _LONGEST_SHOWN = 200
-_LEAST_PRINTABLE = 0.9
 _MOST_LAYERS, _MOST_MEMBERS = 5, 10_000
 _UNPACK_ERRORS = (
     OSError,
@@ -71,12 +57,18 @@ class Source:
         Where the unpacked content is; bags have the suffix of their kind.
     damage : str
         What is wrong with the file that it was unpacked from, or with its metadata; "" where nothing is known to be.
+    said : tuple of str
+        What else is to be said of it: what was done to read it, or lies beside it and is not read.
+    lost : tuple of str
+        Recordings beside it, in one folder, that cannot be read, and why.
     """
 
     name: str
     kind: str
     path: Path
     damage: str = ""
+    said: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
 
 
 def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
@@ -101,7 +93,7 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
         return [_source_of_file(path, str(path), scratch, limit_bytes)]
     if (path / "metadata.yaml").is_file():
         return [_bag_folder(path, str(path), scratch, limit_bytes)]
-    files = sorted(inner for inner in path.iterdir() if inner.is_file() and _looks_like_recording(inner))
+    files, lost = _recordings_in(path)
     if not files:
         bags = sorted(inner.parent for inner in path.glob("*/metadata.yaml") if inner.is_file())
         if len(bags) == 1:
@@ -110,7 +102,42 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
         inside = f" It holds {len(bags)} bag folders ({names}): pass those you mean." if bags else ""
         msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}.{inside}"
         raise LogError(msg)
-    return [_source_of_file(inner, str(inner), scratch, limit_bytes) for inner in files]
+    return _sources_of_files(files, lost, scratch, limit_bytes)
+
+
+def _recordings_in(path: Path) -> tuple[list[Path], list[str]]:
+    """Files of a folder that are recordings; and those that are named like one and are none, with the reason."""
+    files, lost = [], []
+    for inner in sorted(path.iterdir()):
+        why = _why_no_recording(inner) if inner.is_file() else "no regular file"
+        if not why:
+            files.append(inner)
+        elif any(suffix in _NAMED_AS_RECORDINGS for suffix in inner.suffixes):
+            lost.append(f"{printable(inner.name)}: {why}; it is not read")
+    return files, lost
+
+
+def _sources_of_files(files: list[Path], lost: list[str], scratch: Path, limit_bytes: int) -> list[Source]:
+    """Recordings of one folder that can be unpacked; the first knows of those that cannot.
+
+    Raises
+    ------
+    LogError
+        If there is none.
+    """
+    sources: list[Source] = []
+    refusal: LogError | None = None
+    for file in files:
+        try:
+            sources.append(_source_of_file(file, str(file), scratch, limit_bytes))
+        except LogError as err:
+            if len(files) == 1:
+                raise
+            refusal = refusal or err
+            lost.append(str(err).replace(str(file), printable(file.name), 1))
+    if refusal is not None and not sources:
+        raise refusal
+    return [replace(sources[0], lost=tuple(lost)), *sources[1:]]
 
 
 def check_path(path: Path) -> None:
@@ -124,7 +151,8 @@ def check_path(path: Path) -> None:
     try:
         mode = path.stat().st_mode
         inner = sorted(path.iterdir()) if stat.S_ISDIR(mode) else []
-        is_bag = any(found.name == "metadata.yaml" for found in inner)
+        # Of a folder that may be listed and not entered nothing can be looked at.
+        is_bag = any(found.name == "metadata.yaml" for found in inner) or (path / "metadata.yaml").is_file()
         odd = [found for found in inner if is_bag and not (found.is_file() or found.is_dir())]
     except FileNotFoundError as err:
         msg = f"{path}: no such file or folder"
@@ -151,6 +179,7 @@ def _source_of_file(
     if kind == "zip":
         return _source_in_zip(path, name, scratch, limit_bytes, layers, damage)
     if kind in STREAM_KINDS:
+        _refuse_packed_rest(path, name, kind)
         target = _new_folder(scratch) / "unpacked"
         try:
             _, why = copy_limited(unpacked_file(path, kind), target, limit_bytes, name)
@@ -161,7 +190,18 @@ def _source_of_file(
             why = f"the {kind} file is damaged or cut off: {why}"
             damage = f"{damage}; {why}" if damage else why
         return _source_of_file(target, name, scratch, limit_bytes, layers + 1, damage)
+    if kind == "db3" and journals_of(path):
+        joined = _new_folder(scratch) / "recording.db3"
+        _, said = join_journals(path, joined, limit_bytes)
+        return Source(name, kind, joined, damage, tuple(said))
     return Source(name, kind, _with_suffix(path, kind, scratch), damage)
+
+
+def _refuse_packed_rest(path: Path, name: str, kind: str) -> None:
+    """Refuse a packed file that begins like no recording before all of it is unpacked."""
+    head = packed_head(path, kind, HEAD_BYTES)
+    if len(head) == HEAD_BYTES:
+        kind_of_head(head, name)
 
 
 def _require_known(target: Path, name: str, kind: str, why: str) -> None:
@@ -175,8 +215,8 @@ def _require_known(target: Path, name: str, kind: str, why: str) -> None:
 def _bag_folder(path: Path, name: str, scratch: Path, limit_bytes: int, damage: str = "") -> Source:
     """A ROS 2 bag folder."""
     target = _new_folder(scratch) / file_name(name)
-    folder, why = plain_folder(path, target, limit_bytes, name)
-    return Source(name, "ros2", folder, "; ".join(filter(None, (damage, why))))
+    found = plain_folder(path, target, limit_bytes, name)
+    return Source(name, "ros2", found.path, "; ".join(filter(None, (damage, found.damage))), found.said)
 
 
 def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
@@ -189,71 +229,17 @@ def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
     return link
 
 
-def kind_of(path: Path, name: str) -> str:
-    """Tell a format from the first bytes of a file.
-
-    Raises
-    ------
-    LogError
-        If the file is empty, of an old format that is not read, or unknown.
-    """
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(_HEAD_BYTES)
-    except OSError as err:
-        msg = f"{name}: cannot be read ({reason(err)})"
-        raise LogError(msg) from err
-    return _kind_of_head(head, name)
-
-
-def _kind_of_head(head: bytes, name: str) -> str:
-    """Tell a format from its first bytes."""
-    if not head:
-        msg = f"{name}: the file is empty"
-        raise LogError(msg)
-    for magic, kind in _MAGIC:
-        if head.startswith(magic):
-            return kind
-    if head.startswith((b"#ROSRECORD", b"#ROSBAG")):
-        version = printable(head.split(b"\n", 1)[0].decode("ascii", "replace").strip()[:40])
-        msg = (
-            f"{name}: '{version}' is a bag format older than '#ROSBAG V2.0', which is not read. "
-            "Convert it with the rosbag of its time."
-        )
-        raise LogError(msg)
-    text = head.removeprefix(BYTE_ORDER_MARK)
-    if _is_text(text):
-        if _CARMEN.search(text):
-            return "carmen"
-        if _WEAN.search(text):
-            return "wean"
-    what = foreign(text) or f"not a known recording (it starts with {head[:16]!r})."
-    msg = f"{name}: {what} Known are: {KNOWN}."
-    raise LogError(msg)
-
-
-def _is_text(head: bytes) -> bool:
-    """Whether bytes are text, apart from the null bytes that unclean shutdowns leave in files."""
-    rest = head.replace(b"\x00", b"")
-    printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in rest)
-    return bool(rest) and printable >= _LEAST_PRINTABLE * len(rest)
-
-
-def _looks_like_recording(path: Path) -> bool:
-    """Whether a file in a folder is of a known format; others lie beside recordings and are passed over."""
+def _why_no_recording(path: Path) -> str:
+    """Why a file in a folder is of no known format, as many that lie beside recordings are; "" where it is of one."""
     try:
         kind = kind_of(path, path.name)
         if kind in STREAM_KINDS:
-            head = b""
-            with suppress(DamagedStreamError):
-                for block in unpacked_file(path, kind):
-                    head += block
-                    if len(head) >= _HEAD_BYTES:
-                        break
-            kind = _kind_of_head(head[:_HEAD_BYTES], path.name)
-    except (LogError, *_UNPACK_ERRORS):
-        return False
-    return kind != "zip" or path.suffix == ".zip"
+            kind = kind_of_head(packed_head(path, kind, HEAD_BYTES), path.name)
+    except LogError as err:
+        return str(err).removeprefix(f"{path.name}: ").partition(" Known are: ")[0].rstrip(".")
+    except _UNPACK_ERRORS as err:
+        return reason(err)
+    return "a .zip under another name" if kind == "zip" and path.suffix != ".zip" else ""
 
 
 def _source_in_zip(
@@ -267,7 +253,7 @@ def _source_in_zip(
             members = _members(path, stack, whys)
             _refuse_unsafe(members, folder, name)
             left = limit_bytes
-            for member in members:
+            for member in filter(_may_be_recording, members):
                 target = folder / member.name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 copied, why = copy_limited(member.blocks(), target, left, name)
@@ -276,7 +262,7 @@ def _source_in_zip(
         except _UNPACK_ERRORS as err:
             raise _cannot_unpack(name, "zip", reason(err)) from err
     folders = sorted({found.parent for found in folder.rglob("metadata.yaml")})
-    files = sorted(inner for inner in folder.rglob("*") if inner.is_file() and _looks_like_recording(inner))
+    files = sorted(inner for inner in folder.rglob("*") if inner.is_file() and not _why_no_recording(inner))
     loose = [inner for inner in files if inner.parent not in folders]
     found = [*folders, *loose]
     if not found and whys:
@@ -294,6 +280,27 @@ def _source_in_zip(
     if folders:
         return _bag_folder(folders[0], name, scratch, left, damage)
     return _source_of_file(loose[0], name, scratch, limit_bytes, layers + 1, damage)
+
+
+def _may_be_recording(member: Member) -> bool:
+    """Whether a file in an archive may be a recording or belong to one: not a large one that begins otherwise."""
+    if member.name.endswith(_BELONGING):
+        return True
+    head = b""
+    with suppress(DamagedStreamError):
+        for block in member.blocks():
+            head += block
+            if len(head) >= HEAD_BYTES:
+                return not _is_unknown(head[:HEAD_BYTES])
+    return True
+
+
+def _is_unknown(head: bytes) -> bool:
+    try:
+        kind_of_head(head, "")
+    except LogError:
+        return True
+    return False
 
 
 def _members(path: Path, stack: ExitStack, whys: list[str]) -> list[Member]:

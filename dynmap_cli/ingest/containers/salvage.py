@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dynmap_cli.ingest.containers.bag1_records import bag1_messages
 from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError
+from dynmap_cli.ingest.containers.bag_folders import stated_messages
 from dynmap_cli.ingest.containers.db3_rows import db3_messages
 from dynmap_cli.ingest.containers.mcap_records import mcap_messages
 from dynmap_cli.ingest.containers.type_stores import decode_message
@@ -62,7 +63,8 @@ def read_salvaged(
     counts = reader.counts
     # An MCAP file with other encodings than those of ROS 2 is refused for them, although nothing is wrong with it.
     is_foreign = path.suffix != ".bag" and not reader.encodings <= {_ROS2_ENCODING}
-    if refusal.why and refusal.why not in losses.why and (losses.why or not is_foreign):
+    is_new = not any(refusal.why in why for why in losses.why)
+    if refusal.why and is_new and (losses.why or not is_foreign):
         losses.why.insert(0, refusal.why)
     if not counts:
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
@@ -76,15 +78,26 @@ def read_salvaged(
 
 def stored_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
     """Yield the messages that are whole in a file, or in the files of a folder, as they were written."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(
-            (inner for inner in path.iterdir() if inner.suffix in _READERS and inner.is_file()),
-            key=lambda inner: (len(inner.name), inner.name),
-        )
+    if not path.is_dir():
+        yield from _messages_of(path, losses)
+        return
+    files = sorted(
+        (inner for inner in path.iterdir() if inner.suffix in _READERS and inner.is_file()),
+        key=lambda inner: (len(inner.name), inner.name),
+    )
+    for file in files:
+        part = Losses()
+        try:
+            yield from _messages_of(file, part)
+        finally:
+            losses.add(part, printable(file.name))
+    losses.stated_messages = max(losses.stated_messages, stated_messages(path))
+
+
+def _messages_of(file: Path, losses: Losses) -> Iterator[StoredMessage]:
+    """The messages that are whole in one file."""
     try:
-        for file in files:
-            yield from _READERS[file.suffix](file, losses)
+        yield from _READERS[file.suffix](file, losses)
     except OSError as err:
         losses.note(str(err.strerror or err))
 

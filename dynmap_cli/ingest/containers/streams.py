@@ -7,6 +7,7 @@ import lzma
 import shutil
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -59,6 +60,17 @@ def unpacked_file(path: Path, kind: str) -> Iterator[bytes]:
     """
     with path.open("rb") as stream:
         yield from _unpacked(stream, kind, None, is_single=False)
+
+
+def packed_head(path: Path, kind: str, n_bytes: int) -> bytes:
+    """The first bytes that a file of one of `STREAM_KINDS` unpacks to; as many as can be had of a damaged one."""
+    head = b""
+    with suppress(DamagedStreamError):
+        for block in unpacked_file(path, kind):
+            head += block
+            if len(head) >= n_bytes:
+                break
+    return head[:n_bytes]
 
 
 def unpacked_part(stream: IO[bytes], kind: str, n_bytes: int | None) -> Iterator[bytes]:

@@ -11,9 +11,11 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-_PIECE_BYTES = 1 << 12
-_MOST_BYTES = 1 << 28
+_PIECE_BYTES = 1 << 10
+MOST_UNPACKED = 1 << 28
 """Small pieces, for a few bytes can unpack to millions, and no more than a recorder puts into a block."""
+HELD_BYTES = 1 << 26
+"""As much of a file is read before it is given back."""
 _DECODERS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
     "lz4": lz4.frame.LZ4FrameDecompressor,
@@ -30,6 +32,12 @@ def view_of(path: Path) -> memoryview:
         # An empty file cannot be mapped.
         is_empty = path.stat().st_size == 0
         return memoryview(b"" if is_empty else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def give_back(view: memoryview) -> None:
+    """Take what was read of a file out of memory; it is read again where it is looked at."""
+    if isinstance(view.obj, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        view.obj.madvise(mmap.MADV_DONTNEED)
 
 
 def unpacked_message(data: bytes) -> bytes:
@@ -51,17 +59,17 @@ def unpack_whole(data: bytes, compression: str) -> bytes:
     ValueError
         If it is larger, or not whole.
     """
-    if compression == "zstd" and 0 <= zstandard.frame_content_size(data) <= _MOST_BYTES:
+    if compression == "zstd" and 0 <= zstandard.frame_content_size(data) <= MOST_UNPACKED:
         return zstandard.ZstdDecompressor().decompress(data)
     if compression in {"bz2", "lz4"}:
         decoder = _DECODERS[compression]()
-        content = bytes(decoder.decompress(bytes(data), _MOST_BYTES))
+        content = bytes(decoder.decompress(bytes(data), MOST_UNPACKED))
         is_whole = bool(decoder.eof)
     else:
         view, is_whole = unpack(memoryview(data), compression)
-        content = bytes(view)
+        content = bytes(view if is_whole else b"")
     if not is_whole:
-        msg = f"a block of messages is not whole, or unpacks to more than {_MOST_BYTES >> 20} MiB"
+        msg = f"a block of messages is not whole, or unpacks to more than {MOST_UNPACKED >> 20} MiB"
         raise ValueError(msg)
     return content
 
@@ -80,16 +88,17 @@ def unpack(data: memoryview, compression: str) -> tuple[memoryview, bool]:
         msg = f"unknown compression '{compression[:20]}'"
         raise ValueError(msg)
     decoder = _DECODERS[compression]()
-    parts: list[bytes] = []
-    total = 0
+    content = bytearray()
     for start in range(0, len(data), _PIECE_BYTES):
         if decoder.eof:
             break
         try:
-            parts.append(decoder.decompress(bytes(data[start : start + _PIECE_BYTES])))
+            piece = bytes(data[start : start + _PIECE_BYTES])
+            # The decoder of zstd knows no bound; one KiB of it unpacks to 32 MiB at most.
+            bound = () if compression == "zstd" else (MOST_UNPACKED + 1 - len(content),)
+            content += decoder.decompress(piece, *bound)
         except (OSError, RuntimeError, EOFError, ValueError, MemoryError, zstandard.ZstdError):
-            return memoryview(b"".join(parts)), False
-        total += len(parts[-1])
-        if total > _MOST_BYTES:
-            return memoryview(b"".join(parts)), False
-    return memoryview(b"".join(parts)), bool(decoder.eof)
+            return memoryview(content).toreadonly(), False
+        if len(content) > MOST_UNPACKED:
+            return memoryview(content).toreadonly(), False
+    return memoryview(content).toreadonly(), bool(decoder.eof)

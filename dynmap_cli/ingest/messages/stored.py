@@ -99,6 +99,17 @@ class Losses:
         self.lost_chunks += chunks
         self.lost_messages += messages
 
+    def add(self, part: Losses, name: str) -> None:
+        """Add what was lost of one file of several."""
+        for why in part.why:
+            self.note(f"{name}: {why}")
+        self.n_bytes += part.n_bytes
+        self.lost_bytes += part.lost_bytes
+        self.lost_chunks += part.lost_chunks
+        self.lost_messages += part.lost_messages
+        self.is_size_known &= part.is_size_known
+        self.stated_messages += part.stated_messages
+
     def note_missing(self, n_bytes: int) -> None:
         """Add bytes that the container speaks of and that are not there."""
         if 0 < n_bytes < _MOST_MISSING:
@@ -115,6 +126,8 @@ class Losses:
         lost = [f"{self.lost_bytes} of {self.n_bytes} bytes"] if self.lost_bytes else []
         lost += [f"{self.lost_chunks} blocks of messages"] if self.lost_chunks else []
         lost += [f"{self.lost_messages} single messages"] if self.lost_messages else []
+        if not lost and self.stated_messages > n_found:
+            lost = [f"{self.stated_messages - n_found} messages"]
         return (
             f"{name}: this {kind} is cut off or damaged ({'; '.join(self.why[:3])}); recovered {n_found}"
             f"{self._of_how_many(n_found)} messages, up to t = {span_s:.1f} s, "
