@@ -21,7 +21,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefiniti
 from rosbags.rosbag2.metadata import dump_qos_v8
 
 from dynmap_cli.export.channels import as_usual, faults_of
-from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError, count_orphans, missing_messages
+from dynmap_cli.ingest.containers.bag_checks import UnreadableBagError, check_counts, missing_messages
 from dynmap_cli.ingest.containers.bags import open_bag, stored_connections
 from dynmap_cli.ingest.containers.mcap_chunks import are_orderly
 from dynmap_cli.ingest.containers.mcap_records import (
@@ -144,6 +144,7 @@ def open_container(source: Source, refused: Mapping[Path, str], stack: ExitStack
         return [_open_bag(source, stack)]
     try:
         with open_bag(path) as reader:
+            check_counts(reader)
             why = missing_messages(reader)
     except UnreadableBagError as err:
         # Nothing is wrong with an MCAP file of another profile.
@@ -231,7 +232,7 @@ def _open_bag(source: Source, stack: ExitStack) -> Container:
     """Open a ROS 1 bag, or a ROS 2 bag in SQLite."""
     try:
         reader = stack.enter_context(open_bag(source.path))
-        orphans = count_orphans(reader)
+        orphans = check_counts(reader)
         channels = {id(one): _channel_of(one) for one in stored_connections(reader)}
     except Exception as err:
         why = err.why if isinstance(err, UnreadableBagError) else words_of(err)

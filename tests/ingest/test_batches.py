@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Writer as Bag2Writer
 
 from dynmap_cli.ingest.containers import bags, mcap_chunks
 from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks
-from dynmap_cli.ingest.containers.bags import read_bag
+from dynmap_cli.ingest.containers.bags import open_bag, read_bag
 from dynmap_cli.ingest.containers.db3_blocks import db3_blocks
 from dynmap_cli.ingest.messages import batches, blocks
 from dynmap_cli.ingest.messages.blocks import block_of
@@ -236,6 +236,7 @@ def test_rows_of_a_db3_come_in_the_order_of_rosbags(tmp_path, monkeypatch):
     with AnyReader([tmp_path / "a"]) as reader:
         asked = [connection for connection in reader.connections if connection.topic != "/b"]
         expected = [(connection.topic, at, bytes(data)) for connection, at, data in reader.messages(asked)]
+    with open_bag(tmp_path / "a") as reader:
         (storage,) = reader.readers[0].storage.storages
         topics = {connection.id: connection.topic for connection in storage.connections}
         names = ["/c", "/a"]
@@ -245,7 +246,9 @@ def test_rows_of_a_db3_come_in_the_order_of_rosbags(tmp_path, monkeypatch):
             for block in db3_blocks(storage, wanted)
             for row, (channel, at) in enumerate(zip(block.channels, block.logged_ns.tolist(), strict=True))
         ]
+        counted = {connection.topic: connection.msgcount for connection in storage.connections}
     assert found == expected
+    assert counted == {"/a": 134, "/b": 133, "/c": 133}
 
 
 def test_a_time_of_recording_beyond_all_times_is_the_latest():

@@ -9,13 +9,26 @@ import numpy as np
 import pytest
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.containers import db3_opening, db3_tables
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.corpus import WORLD
+from tests.ingest.corpus import FOLDERS, WORLD
 from tests.ingest.test_damaged_tables import altered
 
 ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
 LONGEST_CPU_S = 10.0
+
+
+def as_it_is(path):
+    return path
+
+
+def in_a_folder(path):
+    """With a metadata.yaml that knows nothing of what is wrong with it."""
+    folder = FOLDERS["folder db3"](path.parent / "folder")
+    (file,) = folder.glob("*.db3")
+    file.write_bytes(path.read_bytes())
+    return folder
 
 
 def refusal_of(path):
@@ -78,9 +91,13 @@ def test_more_topics_than_any_robot_has_are_refused(tmp_path):
     assert "it has 20000 topics (at most 10000)" in refusal_of(path)
 
 
-def test_pages_that_are_used_over_and_over_do_not_hold_up(tmp_path):
+@pytest.mark.parametrize("placed", [as_it_is, in_a_folder])
+@pytest.mark.parametrize("statement", ["", "DROP INDEX timestamp_idx"])
+def test_pages_that_are_used_over_and_over_do_not_hold_up(placed, statement, tmp_path):
     """A tree of pages of which each points many times to the next is small, and has more rows than anybody can read."""
-    path = altered(tmp_path, "CREATE TABLE filler(x)", "INSERT INTO filler VALUES (zeroblob(40000))")
+    path = altered(
+        tmp_path, "CREATE TABLE filler(x)", "INSERT INTO filler VALUES (zeroblob(40000))", statement
+    )
     with closing(sqlite3.connect(path)) as connection:
         ((root,),) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
         ((size,),) = connection.execute("PRAGMA page_size")
@@ -102,10 +119,20 @@ def test_pages_that_are_used_over_and_over_do_not_hold_up(tmp_path):
     data += leaf.ljust(size - 10, b"\x00") + cell.ljust(10, b"\x00")
     data[28:32] = struct.pack(">I", len(data) // size)
     path.write_bytes(data)
-    assert "more rows than have room in the file" in refusal_of(path)
+    assert "database disk image is malformed" in refusal_of(placed(path))
 
 
-def test_an_index_that_leaves_out_messages_is_not_believed(tmp_path):
+def test_a_file_takes_no_more_work_than_its_size_is_worth(tmp_path, monkeypatch):
+    path = altered(tmp_path, "DROP INDEX timestamp_idx")
+    monkeypatch.setattr(db3_tables, "_STEPS_AT_LEAST", 0)
+    monkeypatch.setattr(db3_tables, "_STEPS_PER_BYTE", 0)
+    monkeypatch.setattr(db3_opening, "STEPS_AT_ONCE", 100)
+    _, report = read_recordings([path], IngestSettings())
+    assert report.damage == ("its tables hold more rows than have room in the file",)
+
+
+@pytest.mark.parametrize("placed", [as_it_is, in_a_folder])
+def test_an_index_that_leaves_out_messages_is_not_believed(placed, tmp_path):
     path = altered(
         tmp_path,
         "DROP INDEX timestamp_idx",
@@ -117,9 +144,19 @@ def test_an_index_that_leaves_out_messages_is_not_believed(tmp_path):
             "UPDATE sqlite_master SET sql = 'CREATE INDEX timestamp_idx ON messages (timestamp)' "
             "WHERE name = 'timestamp_idx'"
         )
-    log, report = read_recordings([path], IngestSettings())
+    log, report = read_recordings([placed(path)], IngestSettings())
     np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
     assert report.damage == ("its index 'timestamp_idx' has 91 messages, its table 181",)
+
+
+def test_messages_of_no_known_topic_are_counted_in_a_folder_too(tmp_path):
+    path = altered(
+        tmp_path,
+        "INSERT INTO messages(topic_id, timestamp, data) SELECT 99, timestamp, data FROM messages LIMIT 7",
+        "DELETE FROM messages WHERE id = 181",
+    )
+    _, report = read_recordings([in_a_folder(path)], IngestSettings())
+    assert "message of no known topic" in report.damage
 
 
 def test_rows_with_numbers_below_zero_are_read(tmp_path):

@@ -43,6 +43,26 @@ def _write(path, version):
     return path
 
 
+@pytest.mark.parametrize("far", [None, 2**63 - 1, -(2**63)])
+def test_messages_are_estimated_before_they_are_counted_and_counted_where_numbers_have_gaps(far, tmp_path):
+    path = _write(tmp_path / "a.db3", 4)
+    with sqlite3.connect(path) as database:
+        rows = [(7 if number % 4 else 2, number, b"x") for number in range(20_000)]
+        database.executemany("INSERT INTO messages VALUES (NULL, ?, ?, ?)", rows)
+        if far is not None:
+            database.execute("UPDATE messages SET id = ? WHERE id = 100", (far,))
+    database.close()
+    reader = Db3Reader(path)
+    reader.open()
+    about = {one.topic: one.msgcount for one in reader.connections}
+    reader.count()
+    counted = {one.topic: one.msgcount for one in reader.connections}
+    assert counted == {"/7": 15_004, "/2": 5001, "/9": 0}
+    for topic, count in counted.items():
+        assert about[topic] == pytest.approx(count, abs=0 if far else 200)
+    reader.close()
+
+
 @pytest.mark.parametrize("version", _VERSIONS)
 def test_all_versions_of_the_tables_are_read_as_rosbags_reads_them(tmp_path, version):
     path = _write(tmp_path / "a.db3", version)
@@ -50,6 +70,7 @@ def test_all_versions_of_the_tables_are_read_as_rosbags_reads_them(tmp_path, ver
     own.open()
     other.open()
     assert own.schema == other.schema == version
+    own.count()
     assert [one._replace(owner=None) for one in own.connections] == [
         one._replace(owner=None) for one in other.connections
     ]

@@ -107,26 +107,28 @@ def _crosses_solid(length_m: F64, angle_rad: F64, origins_m: F64, farthest_m: fl
     """(n, n_beams) whether a beam crosses a solid cell; beams of infinite length are traced up to *farthest_m*."""
     lengths_m = length_m.ravel()
     angle_rad = np.where(np.isfinite(angle_rad), angle_rad, 0.0).ravel()
-    direction = np.cos(angle_rad), np.sin(angle_rad)
-    origins_m = origins_m - origins_m.min(axis=0) + farthest_m + _STEP_M
-    n_cells = int(np.ceil((origins_m.max() + farthest_m) / _STEP_M)) + 2
-    starts = tuple(np.repeat(column, length_m.shape[1]) for column in origins_m.T)
+    # In cells from here on, and short numbers: this is most of what is done to tell what no return says.
+    direction = [part(angle_rad).astype(np.float32) for part in (np.cos, np.sin)]
+    origins = (origins_m - origins_m.min(axis=0) + farthest_m) / _STEP_M + 1.0
+    n_cells = int(np.ceil(origins.max() + farthest_m / _STEP_M)) + 2
+    starts = [np.repeat(column.astype(np.float32), length_m.shape[1]) for column in origins.T]
 
-    def cells(counts: I64, along_m: F64) -> I64:
+    def cells(counts: I64, along: F32) -> I32:
         """Flat cell numbers of points, so many on each beam; all beyond zero, where cutting off is rounding down."""
         x, y = (
-            ((np.repeat(start, counts) + along_m * np.repeat(part, counts)) / _STEP_M).astype(np.int64)
+            (np.repeat(start, counts) + along * np.repeat(part, counts)).astype(np.int32)
             for start, part in zip(starts, direction, strict=True)
         )
-        return np.asarray(x * n_cells + y)
+        return np.asarray(x * np.int32(n_cells) + y)
 
     ends = lengths_m < farthest_m
-    hits = np.bincount(cells(ends.astype(np.int64), lengths_m[ends]), minlength=n_cells**2)
+    ends_at = (lengths_m[ends] / _STEP_M).astype(np.float32)
+    hits = np.bincount(cells(ends.astype(np.int64), ends_at), minlength=n_cells**2)
     # Points at fixed steps before the end of each beam, those of one beam after those of another.
-    steps_m = np.arange(_STEP_M, farthest_m, _STEP_M)
-    counts = np.searchsorted(steps_m, lengths_m - _BEFORE_END_M)
-    numbers = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    samples = cells(counts, steps_m[numbers])
+    counts = np.searchsorted(np.arange(_STEP_M, farthest_m, _STEP_M), lengths_m - _BEFORE_END_M)
+    first = (np.cumsum(counts) - counts).astype(np.int32)
+    steps = np.arange(1, counts.sum() + 1, dtype=np.int32) - np.repeat(first, counts)
+    samples = cells(counts, steps.astype(np.float32))
     of_endless = samples[np.repeat(np.isinf(lengths_m), counts)]
     passes = np.bincount(samples, minlength=n_cells**2) - np.bincount(of_endless, minlength=n_cells**2)
     is_solid = (hits >= _LEAST_HITS) & (hits >= _SOLID * (hits + passes))

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import storage_sqlite3
 
 from dynmap_cli.ingest.containers.bag1_records import bag1_bytes_behind
+from dynmap_cli.ingest.containers.db3_opening import Db3Reader
 from dynmap_cli.ingest.containers.mcap_chunks import can_be_sorted
 from dynmap_cli.ingest.containers.mcap_records import (
     BROKEN_SUMMARY,
@@ -49,14 +49,34 @@ def check_file(file: Path) -> None:
         raise UnreadableBagError(words_of_rest(n_behind))
 
 
-def check_folder(inner: Any) -> None:
-    """Refuse a folder whose metadata.yaml leaves out a topic that its files hold: nobody would read its messages."""
-    known = {(one.topic, one.msgtype) for one in inner.connections}
-    for file in files_of(inner):
-        for one in file.connections:
-            if one.msgcount and (one.topic, one.msgtype) not in known:
-                msg = f"its metadata.yaml does not name {printable(str(one.topic))}, of which its files hold messages"
-                raise UnreadableBagError(msg)
+def check_counts(reader: AnyReader) -> int:
+    """Count the messages of .db3 files that nobody counted, and refuse a folder whose metadata.yaml hides some.
+
+    Returns
+    -------
+    int
+        How many rows are of topics that are not among those of their .db3, which no query gives.
+
+    Raises
+    ------
+    ReaderError
+        If an index of a .db3 leaves out messages.
+    UnreadableBagError
+        If the files of a folder hold a topic that its metadata.yaml leaves out: nobody would read its messages.
+    """
+    orphans = 0
+    for inner in reader.readers:
+        known = {(one.topic, one.msgtype) for one in inner.connections}
+        for file in files_of(inner):
+            if isinstance(file, Db3Reader):
+                file.count()
+                orphans += max(file.metadata.message_count - sum(one.msgcount for one in file.connections), 0)
+            for one in file.connections:
+                if one.msgcount and (one.topic, one.msgtype) not in known:
+                    hidden = printable(str(one.topic))
+                    msg = f"its metadata.yaml does not name {hidden}, of which its files hold messages"
+                    raise UnreadableBagError(msg)
+    return orphans
 
 
 def check_topics(reader: AnyReader) -> None:
@@ -92,16 +112,6 @@ def files_of(inner: Any) -> list[Any]:
     """What reads each file of a ROS 2 bag; none of a ROS 1 bag."""
     outer = getattr(inner, "storage", None)
     return [] if outer is None else getattr(outer, "storages", [outer])
-
-
-def count_orphans(reader: AnyReader) -> int:
-    """Count rows whose topic is not among those of their .db3, which no query gives; rosbags has counted both."""
-    files = [file for inner in reader.readers for file in files_of(inner)]
-    return sum(
-        max(file.metadata.message_count - sum(one.msgcount for one in file.connections), 0)
-        for file in files
-        if isinstance(file, storage_sqlite3.Sqlite3Reader)
-    )
 
 
 def missing_messages(reader: AnyReader) -> str:

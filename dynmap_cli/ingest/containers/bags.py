@@ -23,12 +23,11 @@ from rosbags.typesys.store import Typestore
 from dynmap_cli.ingest.containers.bag1_chunks import bag1_blocks, is_orderly
 from dynmap_cli.ingest.containers.bag_checks import (
     UnreadableBagError,
+    check_counts,
     check_file,
-    check_folder,
     check_index,
     check_order,
     check_topics,
-    count_orphans,
     files_of,
 )
 from dynmap_cli.ingest.containers.db3_blocks import db3_blocks
@@ -143,17 +142,24 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
         If the bag is cut off or damaged, holds fewer messages than it says, or is an MCAP file of another profile.
     """
     with open_bag(path) as reader:
-        counts: Counter[tuple[str, str]] = Counter()
-        for connection in reader.connections:
-            counts[connection.topic, connection.msgtype] += connection.msgcount
-        topics = [
-            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
-        ]
-        recording = RawRecording(name, kind, topics, folder=space.folder)
-        orphans = count_orphans(reader)
+        recording = RawRecording(name, kind, folder=space.folder)
+        found = _take_all(reader, recording, space)
+        with _refusals():
+            orphans = check_counts(reader)
         if orphans:
             recording.drop_broken(ORPHAN, orphans)
-        _take_all(reader, recording, space)
+        # Those of the readers, for they may have been counted only while they were read.
+        readers: Any = reader.readers
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in (one for inner in readers for one in inner.connections):
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        recording.topics = [
+            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
+        ]
+        stated = sum(topic.count for topic in recording.topics if topic.kind in USED_TYPES)
+        if found != stated:
+            msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
+            raise UnreadableBagError(msg)
         end_of_messages(recording)
     recording.give_back()
     return recording
@@ -170,39 +176,51 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     """
     reader = None
     try:
-        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-            check_file(file)
-        reader = AnyReader([path], default_typestore=ros2_types())
-        for inner in reader.readers:
-            use_db3_reader(inner)
-        inside: Any = [_UsedTypes(inner) for inner in reader.readers]
-        reader.readers = inside
-        reader.open()
-        for inner in reader.readers:
-            check_index(inner)
-            check_order(inner)
-        if path.is_dir() and not reader.connections:
-            raise UnreadableBagError(_NO_TOPICS)
-        for inner in reader.readers:
-            check_folder(inner)
-        check_topics(reader)
-        if any(
-            one.msgtype not in USED_TYPES and ros2_spelling(one.msgtype) in USED_TYPES
-            for one in reader.connections
-        ):
-            raise UnreadableBagError(_NOTHING_WRONG)
-        used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
-        check_definitions(reader.typestore, _standard(reader), used)
+        with _refusals():
+            for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+                check_file(file)
+            reader = AnyReader([path], default_typestore=ros2_types())
+            for inner in reader.readers:
+                use_db3_reader(inner)
+            inside: Any = [_UsedTypes(inner) for inner in reader.readers]
+            reader.readers = inside
+            reader.open()
+            for inner in reader.readers:
+                check_index(inner)
+                check_order(inner)
+            if path.is_dir() and not reader.connections:
+                raise UnreadableBagError(_NO_TOPICS)
+            check_topics(reader)
+            if any(
+                one.msgtype not in USED_TYPES and ros2_spelling(one.msgtype) in USED_TYPES
+                for one in reader.connections
+            ):
+                raise UnreadableBagError(_NOTHING_WRONG)
+            used = [one.msgtype for one in reader.connections if one.msgtype in USED_TYPES]
+            check_definitions(reader.typestore, _standard(reader), used)
     except UnreadableBagError:
         _close(reader)
         raise
-    except Exception as err:
-        _close(reader)
-        raise UnreadableBagError(_damage_in(err)) from err
     try:
         yield reader
     finally:
         reader.close()
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Make one error of whatever the library raises.
+
+    Raises
+    ------
+    UnreadableBagError
+    """
+    try:
+        yield
+    except UnreadableBagError:
+        raise
+    except Exception as err:
+        raise UnreadableBagError(_damage_in(err)) from err
 
 
 def _damage_in(err: Exception) -> str:
@@ -264,11 +282,11 @@ def _n_beams_of(reader: AnyReader, kind: str, data: bytes, *, is_usual: bool) ->
     return len(scan.ranges)
 
 
-def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
-    """Take the messages of the types that are used, in the order of their recording."""
+def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> int:
+    """Take the messages of the types that are used, in the order of their recording; returns how many there are."""
     wanted = [connection for connection in reader.connections if connection.msgtype in USED_TYPES]
     if not wanted:
-        return
+        return 0
 
     def decode(topic: str, message_type: str, logged_ns: int, data: bytes) -> list[Message]:
         try:
@@ -288,21 +306,16 @@ def _take_all(reader: AnyReader, recording: RawRecording, space: Space) -> None:
     blocks = _from_storage(reader, wanted, numbers) or _from_reader(reader, wanted, numbers)
     found = 0
     while True:
-        try:
-            block = next(blocks)
-        except StopIteration:
+        with _refusals():
+            block = next(blocks, None)
+        if block is None:
             break
-        except Exception as err:
-            raise UnreadableBagError(_damage_in(err)) from err
         if found == 0:
             space.reserve(recording.name, *_expected(reader, usual, numbers, block))
         found += block.starts.size
         batches.add(block)
     batches.finish()
-    stated = sum(connection.msgcount for connection in wanted)
-    if found != stated:
-        msg = f"it says that it holds {stated} messages of the types that are used, and holds {found}"
-        raise UnreadableBagError(msg)
+    return found
 
 
 def stored_connections(reader: AnyReader) -> list[Any]:

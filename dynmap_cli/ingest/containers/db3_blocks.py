@@ -1,35 +1,62 @@
-"""Messages of a .db3 that rosbags has opened: the same rows in the same order, many at a time.
+"""Messages of a .db3 that rosbags has opened, many at a time, and counted on the way.
 
-SQLite gives rows of equal time in an order of its own, so the query is that of rosbags, word by word.
+SQLite gives the rows by an index, and an index may leave some out: what is counted is compared with the table. Rows
+that are not asked for come without their bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import compress
+from typing import Any, NamedTuple
 
-import numpy as np
+from dynmap_cli.ingest.containers.db3_opening import Db3Reader
+from dynmap_cli.ingest.messages.blocks import Block, block_of, check_rows, columns_of_rows
 
-from dynmap_cli.ingest.messages.blocks import Block, blocks_of_rows
-
-_QUERY = (
-    "SELECT topics.id,messages.timestamp,messages.data FROM messages JOIN topics ON messages.topic_id=topics.id "
-    "WHERE topics.id IN ({}) ORDER BY timestamp"
-)
+_QUERY = "SELECT topic_id, timestamp, CASE WHEN topic_id IN ({}) THEN data END FROM messages ORDER BY timestamp, rowid"
 
 
-def db3_blocks(storage: Any, wanted: Mapping[int, int]) -> Iterator[Block]:
-    """Yield the messages of some topics.
+def db3_blocks(storage: Db3Reader, wanted: Mapping[int, int]) -> Iterator[Block]:
+    """Yield the messages of some topics by the time of their recording; those of equal time in the order of the table.
 
     Parameters
     ----------
-    storage : Sqlite3Reader
+    storage : Db3Reader
+        Knows afterwards how many messages it has of each topic.
     wanted : dict of int to int
         By number of the topic in the file: the number that it has in the blocks.
+
+    Raises
+    ------
+    ReaderError
+        After the last one, if the index leaves out messages, or after any, if there are more than the file has room.
+    ValueError
+        If there are rows that are no messages.
     """
-    topics = np.array(sorted(wanted), dtype=np.int64)
-    numbers = np.array([wanted[topic] for topic in topics.tolist()], dtype=np.int64)
-    rows = storage.dbconn.execute(_QUERY.format(",".join("?" * len(wanted))), topics.tolist())
-    for block in blocks_of_rows(rows):
-        yield replace(block, channels=numbers[np.searchsorted(topics, block.channels)])
+    query = _QUERY.format(",".join("?" * len(wanted)))
+    counts: Counter[Any] = Counter()
+    with storage.bounded() as database:
+        for topics, logged_ns, data in columns_of_rows(database.execute(query, [*wanted])):
+            counts.update(topics)
+            rows = _asked_for(list(map(wanted.get, topics)), logged_ns, data)
+            if rows.data:
+                check_rows(rows.logged_ns, rows.data)
+                yield block_of(rows.data, rows.channels, rows.logged_ns)
+    storage.take_counts(counts)
+
+
+class _Rows(NamedTuple):
+    """Columns of rows: the number of the channel of each in the blocks, its time and its bytes."""
+
+    channels: Sequence[Any]
+    logged_ns: Sequence[Any]
+    data: Sequence[Any]
+
+
+def _asked_for(channels: list[int | None], logged_ns: list[Any], data: list[Any]) -> _Rows:
+    """Those that have a channel."""
+    if None not in channels:
+        return _Rows(channels, logged_ns, data)
+    is_asked_for = [channel is not None for channel in channels]
+    return _Rows(*(list(compress(column, is_asked_for)) for column in (channels, logged_ns, data)))

@@ -101,6 +101,13 @@ def _as_int64(logged_ns: Any) -> I64:
 
 def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:
     """Yield messages that come one by one, each behind the number of its channel and its time, half a MiB at a time."""
+    for channels, logged_ns, data in columns_of_rows(rows):
+        check_rows(logged_ns, data)
+        yield block_of(data, channels, logged_ns)
+
+
+def columns_of_rows(rows: Iterator[tuple[Any, Any, Any]]) -> Iterator[tuple[list[Any], list[Any], list[Any]]]:
+    """Yield rows of a number, a time, and bytes or nothing, as columns of half a MiB."""
     n_at_once = _LEAST_AT_ONCE
     while True:
         channels, logged_ns, data = [], [], []
@@ -111,12 +118,9 @@ def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:
             data.append(message)
         if not data:
             return
-        check_rows(logged_ns, data)
-        block = block_of(data, channels, logged_ns)
-        yield block
-        n_at_once = min(
-            max(_BYTES_AT_ONCE * len(data) // (block.n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE
-        )
+        yield channels, logged_ns, data
+        n_bytes = sum(map(len, filter(None, data)))
+        n_at_once = min(max(_BYTES_AT_ONCE * len(data) // (n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE)
 
 
 def check_rows(logged_ns: Iterable[object], data: Iterable[object]) -> None:

@@ -143,7 +143,7 @@ class RangeStore:
         self._parts: list[F32 | _InFile] = []
         self._size = 0
         self._is_shared = False
-        # What came last, in one piece with room for more.
+        # What came last, in one piece with room for all that may lie here: memory that is not written to costs none.
         self._room: F32 = np.zeros(0, dtype=np.float32)
         self._recent_size = 0
 
@@ -158,8 +158,8 @@ class RangeStore:
             self._write(self._taken())
             self._write(flat)
             return place
-        if end > self._room.size:
-            self._room.resize(min(max(end, 2 * self._room.size), most), refcheck=False)
+        if not self._room.size:
+            self._room = np.empty(most, dtype=np.float32)
         self._room[self._recent_size : end] = flat
         self._recent_size = end
         return place
