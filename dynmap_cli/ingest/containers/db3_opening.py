@@ -63,7 +63,7 @@ class Db3Reader(Sqlite3Reader):
     """
 
     def __init__(self, path: Path, *, is_part: bool = False) -> None:
-        # The base makes an address of it.
+        # The base makes an address of the path, also of one like `50%.db3`.
         super().__init__(Path(quote(str(path))))
         self._file = path
         self._is_part = is_part

@@ -90,7 +90,7 @@ def stored_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
         try:
             yield from _messages_of(file, part)
         finally:
-            losses.add(part, printable(file.name))
+            losses.add(part, f"{printable(file.name)}: " if len(files) > 1 else "")
     losses.stated_messages = max(losses.stated_messages, stated_messages(path))
 
 

@@ -99,10 +99,10 @@ class Losses:
         self.lost_chunks += chunks
         self.lost_messages += messages
 
-    def add(self, part: Losses, name: str) -> None:
-        """Add what was lost of one file of several."""
+    def add(self, part: Losses, prefix: str) -> None:
+        """Add what was lost of one file of several; the prefix says of which."""
         for why in part.why:
-            self.note(f"{name}: {why}")
+            self.note(f"{prefix}{why}")
         self.n_bytes += part.n_bytes
         self.lost_bytes += part.lost_bytes
         self.lost_chunks += part.lost_chunks
