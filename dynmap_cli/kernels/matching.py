@@ -25,6 +25,8 @@ HIT = 255
 """Score of a cell in which something was hit; its neighbours have less."""
 SCORES: U8 = np.append((HIT * np.exp(-0.35 * np.arange(2 * FIELD_RADIUS**2 + 1))), 0.0).astype(np.uint8)
 """Score of a cell by its squared distance from the nearest hit, cells; the last entry is for none within reach."""
+BRIDGE_WEIGHT, LONGEST_BRIDGE_M, _FLAT_M, _MOST_UNEVEN = 0.25, 0.5, 0.03, 2.0
+"""Between neighbouring points of a smooth wall the local map holds points of this weight, one for each cell."""
 LANES = 8
 """Cells of a row that are added at once."""
 
@@ -146,6 +148,30 @@ def refresh_line(sums: I64, lines: F32, field: U8, row: int, col: int) -> None:
 
 
 @kernel
+def _steps_to_next(points: F64, count: int, k: int, cell_m: float) -> int:
+    """In how many steps of about a cell to go from a point to the next one; 1 where there may be no wall in between.
+
+    Between two points there is a wall if they lie on one line with those before and after, at about even distances.
+    """
+    if k < 1 or k + 2 >= count:
+        return 1
+    x, y = points[k, 0], points[k, 1]
+    dx, dy = points[k + 1, 0] - x, points[k + 1, 1] - y
+    gap = math.sqrt(dx * dx + dy * dy)
+    if gap < 3.0 * cell_m or gap > LONGEST_BRIDGE_M:
+        return 1
+    for other, near in ((k - 1, k), (k + 2, k + 1)):
+        ox, oy = points[other, 0] - points[near, 0], points[other, 1] - points[near, 1]
+        length = math.sqrt(ox * ox + oy * oy)
+        if not gap < _MOST_UNEVEN * length < _MOST_UNEVEN * _MOST_UNEVEN * gap:
+            return 1
+        ahead = 1.0 if other > near else -1.0
+        if ahead * (dx * ox + dy * oy) < 0.0 or abs(dx * oy - dy * ox) > _FLAT_M * gap:
+            return 1
+    return int(math.ceil(gap / cell_m))
+
+
+@kernel
 def insert_points(
     points: F64,
     weights: F64,
@@ -159,6 +185,11 @@ def insert_points(
     field: U8,
 ) -> None:
     """Add the points of a scan to the local map (sign 1) or take them out again (sign -1).
+
+    Beams that meet a wall aslant leave gaps between their ends. Gaps of one scan lie between those of the next one
+    while the ends of the same beams meet, so that a robot on its way along a bare corridor would seem to stand. With
+    bridges over the gaps a scan meets the wall wherever it lies on it (Censi, An ICP variant using a point-to-line
+    metric, 2008: the line through two neighbouring points).
 
     Parameters
     ----------
@@ -182,25 +213,33 @@ def insert_points(
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     for k in range(count):
-        x = (pose[0] + cos * points[k, 0] - sin * points[k, 1]) / cell_m
-        y = (pose[1] + sin * points[k, 0] + cos * points[k, 1]) / cell_m
-        col, row = int(math.floor(x)), int(math.floor(y))
-        r, c = row & MASK, col & MASK
-        before = sums[r, c, 0]
-        sums[r, c, 0] += sign * int(round(weights[k] * ONE))
-        sums[r, c, 1] += sign * int(round(weights[k] * (x - col) * ONE))
-        sums[r, c, 2] += sign * int(round(weights[k] * (y - row) * ONE))
-        hits = sums[r, c, 0]
-        if hits > 0:
-            lines[r, c, 0] = float(sums[r, c, 1]) / hits
-            lines[r, c, 1] = float(sums[r, c, 2]) / hits
-        if before <= 0 < hits:
-            _add_to_field(field, r, c)
-        elif hits <= 0 < before:
-            _take_from_field(field, r, c)
-        for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
-            for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
-                stale[(r + dr) & MASK, (c + dc) & MASK] = 1
+        n_steps = _steps_to_next(points, count, k, cell_m)
+        for step in range(n_steps):
+            px, py, weight = points[k, 0], points[k, 1], weights[k]
+            if step > 0:
+                along = step / n_steps
+                px += along * (points[k + 1, 0] - px)
+                py += along * (points[k + 1, 1] - py)
+                weight = BRIDGE_WEIGHT * min(weight, weights[k + 1])
+            x = (pose[0] + cos * px - sin * py) / cell_m
+            y = (pose[1] + sin * px + cos * py) / cell_m
+            col, row = int(math.floor(x)), int(math.floor(y))
+            r, c = row & MASK, col & MASK
+            before = sums[r, c, 0]
+            sums[r, c, 0] += sign * int(round(weight * ONE))
+            sums[r, c, 1] += sign * int(round(weight * (x - col) * ONE))
+            sums[r, c, 2] += sign * int(round(weight * (y - row) * ONE))
+            hits = sums[r, c, 0]
+            if hits > 0:
+                lines[r, c, 0] = float(sums[r, c, 1]) / hits
+                lines[r, c, 1] = float(sums[r, c, 2]) / hits
+            if before <= 0 < hits:
+                _add_to_field(field, r, c)
+            elif hits <= 0 < before:
+                _take_from_field(field, r, c)
+            for dr in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
+                for dc in range(-NORMAL_RADIUS, NORMAL_RADIUS + 1):
+                    stale[(r + dr) & MASK, (c + dc) & MASK] = 1
 
 
 @kernel

@@ -9,6 +9,7 @@ from dynmap_cli.kernels.beams import Rays
 from dynmap_cli.kernels.matching import SIZE, correlate, insert_points, thin_points
 from dynmap_cli.kernels.refinement import point_to_line
 from tests.reference.mapping import (
+    plain_bridged,
     plain_correlate,
     plain_field,
     plain_local_map,
@@ -30,6 +31,14 @@ class Torus:
     def insert(self, points, weights, pose, sign=1):
         insert_points(
             points, weights, len(points), pose, sign, CELL, self.sums, self.lines, self.stale, self.field
+        )
+
+    def match(self, points, pose):
+        """Matched share of points at a pose."""
+        tables = self.sums, self.lines, self.stale, self.field
+        n = len(points)
+        return point_to_line(
+            points, np.ones(n), n, pose, 2, 0.04, CELL, *tables, np.empty((3, 3)), np.empty(3)
         )
 
 
@@ -194,3 +203,37 @@ def test_a_sweep_is_corrected_for_the_motion_during_it():
     count = thin_points(ranges, rays, 0, twist, 0.0, out, beams)
     assert count == n
     np.testing.assert_allclose(out[:, 0], 3.0, atol=1e-5)
+
+
+def test_gaps_on_smooth_walls_are_bridged_as_by_the_plain_twin():
+    """A scan down a corridor with a niche: the ends get further apart the further away they are."""
+    bearings = np.radians(np.arange(-89.5, 90.0, 1.0))
+    across = np.where(np.abs(np.degrees(bearings) - 30) < 4, 1.4, 1.0)
+    points = (across / np.abs(np.sin(bearings)))[:, None] * np.column_stack(
+        [np.cos(bearings), np.sin(bearings)]
+    )
+    points = points[np.abs(points[:, 0]) < 9.0]
+    weights, pose, torus = np.linspace(0.2, 1.0, len(points)), np.array([0.3, -0.2, 0.4]), Torus()
+    bridged, bridged_weights = plain_bridged(points, weights, CELL)
+    assert len(bridged) > 1.5 * len(points)
+    assert (np.abs(np.abs(bridged[:, 1]) - 1.2) > 0.19).all()  # nothing between wall and niche
+    torus.insert(points, weights, pose)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    cells = plain_local_map(bridged @ np.array([[c, s], [-s, c]]) + pose[:2], bridged_weights, CELL)
+    assert (torus.sums[..., 0] > 0).sum() == len(cells)
+    for (row, col), (weight, _, _) in cells.items():
+        np.testing.assert_allclose(torus.sums[row % SIZE, col % SIZE, 0] / 2**20, weight, atol=1e-5)
+    torus.insert(points, weights, pose, sign=-1)
+    assert not torus.sums.any()
+    assert not torus.field.any()
+
+
+def test_a_scan_along_a_bare_corridor_matches_as_well_where_the_robot_went_as_where_it_was():
+    bearings = np.radians(np.arange(-89.5, 90.0, 1.0))
+    points = np.column_stack([np.cos(bearings), np.sin(bearings)]) / np.abs(np.sin(bearings))[:, None]
+    points = points[(points[:, 0] > 2.5) & (points[:, 0] < 5.0)]
+    torus = Torus()
+    torus.insert(points, np.ones(len(points)), np.zeros(3))
+    inner = points[points[:, 0] < 4.3]
+    shares = [torus.match(inner, np.array([x, 0.0, 0.0])) for x in (0.0, 0.1, 0.17)]
+    assert min(shares) > 0.9

@@ -172,3 +172,26 @@ def plain_judge(points, normals, pose, drawn_points, drawn_normals, free, cell_m
             in_free += 1
     n = len(points)
     return matched / n, (matched + in_free) / n, in_free / n
+
+
+def plain_bridged(points, weights, cell_m):
+    """A scan's points and those between neighbours on a smooth wall, with their weights."""
+    out, out_weights = [], []
+    for k, point in enumerate(points):
+        out.append(point)
+        out_weights.append(weights[k])
+        if not 1 <= k < len(points) - 2:
+            continue
+        before, step, after = np.diff(points[k - 1 : k + 3], axis=0)
+        gap = np.hypot(*step)
+        is_flat = all(
+            gap / 2 < np.hypot(*other) < 2 * gap
+            and step @ other >= 0
+            and abs(step[0] * other[1] - step[1] * other[0]) / gap <= 0.03
+            for other in (before, after)
+        )
+        if is_flat and 3 * cell_m <= gap <= 0.5:
+            n = math.ceil(gap / cell_m)
+            out += [point + step * j / n for j in range(1, n)]
+            out_weights += (n - 1) * [0.25 * min(weights[k], weights[k + 1])]
+    return np.array(out), np.array(out_weights)
