@@ -12,6 +12,7 @@ import zstandard
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from dynmap_cli.errors import LogError
+from dynmap_cli.export.salvaging import write_salvaged
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.fuzz.law import obey
@@ -253,3 +254,17 @@ def test_a_folder_that_may_not_be_entered_or_listed_is_refused(mode, tmp_path):
     with pytest.raises(LogError, match="Permission denied"):
         read(folder)
     folder.chmod(0o755)
+
+
+@pytest.mark.parametrize("count", ["nan", -1, None, 1.5, [3]])
+@pytest.mark.parametrize("suffix", STORAGES)
+def test_a_number_of_messages_that_is_none_is_said_and_not_counted_with(suffix, count, tmp_path):
+    """Found by `make fuzz`."""
+    folder = write_bag2(tmp_path / "a", WORLD, STORAGES[suffix])
+    edited(
+        folder, lambda information: information["topics_with_message_count"][0].update(message_count=count)
+    )
+    log, report = read(folder)
+    assert_is_world(log)
+    assert f"its metadata.yaml says that it holds '{count}' messages of" in report.damage[0]
+    assert write_salvaged([folder], tmp_path / "copy.mcap", SETTINGS).losses

@@ -80,12 +80,19 @@ def check_counts(reader: AnyReader) -> int:
 
 
 def check_topics(reader: AnyReader) -> None:
-    """Refuse topics whose name, type or encoding is no text; nothing checks that in the tables of a .db3."""
+    """Refuse topics whose name, type or encoding is no text, or that have no number of messages.
+
+    Nothing checks that in the tables of a .db3 and in a metadata.yaml.
+    """
     for why in nameless_topics((one.topic, one.msgtype) for one in reader.connections):
         raise UnreadableBagError(why)
     for one in reader.connections:
         if not isinstance(getattr(one.ext, "serialization_format", ""), str):
             raise UnreadableBagError(words_of_encoding(one.topic))
+        if type(one.msgcount) is not int or one.msgcount < 0:
+            topic, count = printable(one.topic), printable(str(one.msgcount))
+            msg = f"its metadata.yaml says that it holds '{count}' messages of {topic}, which is no number"
+            raise UnreadableBagError(msg)
 
 
 def check_index(reader: Any) -> None:
