@@ -105,9 +105,11 @@ def _warn_of_changes(rows: Sequence[HealthRow]) -> list[str]:
     share = sum(row.verdict == "changed" for row in rows) / max(len(rows), 1)
     if share <= _MUCH_CHANGED:
         return []
+    fitting = np.mean([row.health.explained + row.health.explained_by_other_state for row in rows])
     return [
-        f"the surroundings differ from the map in {100 * share:.0f} % of the recording: either much has changed, or it "
-        "was made in another place that looks alike; look at localization.png before using poses and states"
+        f"the surroundings differ from the map in {100 * share:.0f} % of the recording, though {100 * fitting:.0f} % "
+        "of the beams fit it: something has changed, or the map is a coarse one, or it was made in another place that "
+        "looks alike; look at localization.png before using poses and states"
     ]
 
 
