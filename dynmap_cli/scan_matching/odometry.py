@@ -13,6 +13,7 @@ from dynmap_cli.scan_matching.calibration import ENOUGH_SCANS, Calibration
 
 _MAX_LAG_SCANS, _MAX_LAG_S = 3.0, 0.6
 _ENOUGH_BACKWARDS = 10
+_ENOUGH_TURNING = 30
 _STEP_M = 0.02
 _LAG_STEPS, _SMOOTHING = 5, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 _TURN_CAP_RAD = 0.05
@@ -164,9 +165,9 @@ def _best_lag(
     """Lag with the least residual turn, by a grid and a parabola; returns lag and loss.
 
     Headings are smoothed, and turns over several steps are compared, each time with the scale that fits best: where
-    turns are counted an eighth too small, that is most of what is left of them, whatever the lag. Between two scans
-    odometry is interpolated, which averages the noise of single steps, so without smoothing a lag of half a scan looks
-    better than none where noise is all there is.
+    turns are counted an eighth too small, that is most of what is left of them, whatever the lag. A lag is only seen in
+    turns: where there are few, or it is no better in these, there is none. Between two scans odometry is interpolated,
+    which averages the noise of single steps, so a lag has to be better by more than that.
     """
     limit = _MAX_LAG_S if in_seconds else _MAX_LAG_SCANS
     lags = np.linspace(-limit, limit, 61)
@@ -175,19 +176,34 @@ def _best_lag(
     if int(whole.sum()) < ENOUGH_SCANS:
         return 0.0, 0.0
     found = _smooth_turns(np.concatenate([[0.0], np.cumsum(steps[:, 2])]))[whole]
-    losses = np.empty(lags.size)
+    is_turning = np.abs(found) > _TURN_CAP_RAD
+    if int(is_turning.sum()) < _ENOUGH_TURNING:
+        return 0.0, 0.0
+    losses, in_turns = np.empty(lags.size), np.empty(lags.size)
     for k, lag in enumerate(lags):
         shifted = _shifted(odometry, times_s, 0.0 if in_seconds else lag, lag if in_seconds else 0.0)
         residual = np.abs(_without_scale(found, _smooth_turns(np.unwrap(shifted[:, 2]))[whole]))
-        losses[k] = np.minimum(residual, _TURN_CAP_RAD * np.sqrt(_LAG_STEPS)).mean()
-    best = int(np.argmin(losses))
-    without = float(losses[lags.size // 2])
-    if not 0 < best < lags.size - 1 or losses[best] > _LESS_THAN_WITHOUT * without:
-        return 0.0, without
+        capped = np.minimum(residual, _TURN_CAP_RAD * np.sqrt(_LAG_STEPS))
+        losses[k], in_turns[k] = capped.mean(), capped[is_turning].mean()
+    best, none = int(np.argmin(losses)), lags.size // 2
+    scans = lags / (float(np.median(np.diff(times_s))) if in_seconds else 1.0)
+    # The lag itself, or one of the whole scans beside it, which average nothing.
+    is_near = np.abs(scans - scans[best]) <= 1.0
+    is_less = in_turns[is_near] <= _LESS_THAN_WITHOUT * in_turns[none] * _noise_left(scans[is_near])
+    if not 0 < best < lags.size - 1 or not is_less.any():
+        return 0.0, float(losses[none])
     before, here, after = losses[best - 1 : best + 2]
     bend = before - 2.0 * here + after
     offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
     return float(lags[best] + offset * (lags[1] - lags[0])), float(here)
+
+
+def _noise_left(lags_scans: F64) -> F64:
+    """Shares (n,) of the noise of smoothed headings that interpolation by lags (n,) leaves; 1 for whole scans."""
+    shares = (lags_scans - np.floor(lags_scans))[:, None]
+    earlier, later = np.pad(_SMOOTHING, (0, 1)), np.pad(_SMOOTHING, (1, 0))
+    left = np.linalg.norm((1.0 - shares) * earlier + shares * later, axis=1)
+    return np.asarray(left / np.linalg.norm(_SMOOTHING))
 
 
 def _smooth_turns(headings: F64) -> F64:

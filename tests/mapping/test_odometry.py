@@ -175,3 +175,22 @@ def _chained(steps):
     for k, step in enumerate(steps):
         poses[k + 1] = compose(poses[k], step)
     return poses
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_lag_is_only_seen_in_turns(seed):
+    """Straight ahead the match follows noise of the odometry, half of it a step late, and turns only once."""
+    rng = np.random.default_rng(seed)
+    n = 4000
+    noise = rng.normal(0.0, 0.004, n)
+    turns = np.zeros(n)
+    turns[2000:2007] = np.pi / 14
+    steps = np.column_stack([np.full(n, 0.16), np.zeros(n), turns])
+    counted, seen = steps.copy(), steps.copy()
+    counted[:, 2] += noise
+    seen[:, 2] += 0.25 * (noise + np.roll(noise, 1))
+    good = np.ones(n + 1, dtype=bool)
+    times_s = np.arange(n + 1) * 0.2
+    found = calibrate(_chained(counted), times_s, _chained(seen), good, good, reversible=False)
+    assert found.lag_scans == 0.0
+    assert found.lag_s == 0.0
