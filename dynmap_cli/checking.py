@@ -8,13 +8,14 @@ from pathlib import Path
 
 from dynmap_cli.config import Config
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.choices.odometry import SECOND_CHOICE
 from dynmap_cli.ingest.raw.recording import Topic
 from dynmap_cli.ingest.reading import load_recordings, merge_recordings
 from dynmap_cli.ingest.report import IngestReport
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.mapping.demands import check_scans
 
-_SECOND_CHOICE = " (second choice)"
+_SECOND_CHOICE = f" ({SECOND_CHOICE}"
 _FROZEN_SHARE = 0.05
 
 
@@ -116,16 +117,14 @@ def _advice(drive: IngestReport, settings: IngestSettings) -> list[Advice]:
     quality = drive.odometry_quality
     if quality is not None and settings.odom is None:
         others = [
-            name.removesuffix(_SECOND_CHOICE)
-            for name in drive.odometry_rejected
-            if name.endswith(_SECOND_CHOICE)
+            name.partition(_SECOND_CHOICE)[0] for name in drive.odometry_rejected if _SECOND_CHOICE in name
         ]
         other = f"--odom {others[0]}" if others else "--odom none"
         if quality.jumps:
             found.append(Advice(other, f"{drive.odometry} jumps {quality.jumps} times"))
         elif quality.frozen > _FROZEN_SHARE * quality.moving and quality.frozen > 1:
             share = quality.frozen / quality.moving
-            why = f"{drive.odometry} stands still in {share:.0%} of the half seconds in which "
+            why = f"{drive.odometry} stands still in {100 * share:.0f} % of the half seconds in which "
             found.append(
                 Advice(other, f"{why}the ranges change; worth a second try if the map comes out bent")
             )

@@ -14,7 +14,7 @@ def announce_compilation() -> None:
     from dynmap_cli.kernels.jit import CACHE, before_first_compilation
 
     how_often = (
-        "the first time on this machine"
+        "those that this command is the first here to need"
         if CACHE
         else "at each call, as DYNMAP_NUMBA_CACHE=0 switches the cache off"
     )

@@ -45,6 +45,7 @@ def run(context: StageContext) -> dict[str, Any]:
     patch_sets, visits = keep_numbers(patch_sets, visits, read_known_patches(context.run_dir))
     corrections = read_edits(context.run_dir)
     lines: list[str] = []
+    learned = patch_sets
     if any(isinstance(one, Merge) for one in corrections):
         write_patches(context.out_dir / FOUND_PATCHES, submaps, patch_sets, visits)
         patch_sets, visits, lines = apply_corrections(patch_sets, visits, submaps, corrections)
@@ -57,7 +58,7 @@ def run(context: StageContext) -> dict[str, Any]:
         "visits": len(visits),
         "visits_assigned": sum(visit.patch is not None for visit in visits),
         "lines": [
-            *(describe(patch_sets, visits) or ["no states to learn: there is no sub-map"]),
+            *(describe(patch_sets, visits, learned) or ["no states to learn: there is no sub-map"]),
             *lines,
         ],
     }

@@ -263,8 +263,11 @@ def _visit(log: ScanLog, submap_id: int, number: int, scans: I64, labels: Labels
     )
 
 
-def describe(patch_sets: Sequence[PatchSet], visits: Sequence[Visit]) -> list[str]:
-    """Say what was found, a sentence per sub-map."""
+def describe(
+    patch_sets: Sequence[PatchSet], visits: Sequence[Visit], found: Sequence[PatchSet] = ()
+) -> list[str]:
+    """Say what there is, a sentence per sub-map; *found* is what was learned, before states were merged by hand."""
+    learned = {patch_set.submap_id: len(patch_set.patches) for patch_set in found}
     by_id = {patch_set.submap_id: patch_set for patch_set in patch_sets}
     lines = []
     for number in sorted({visit.submap_id for visit in visits} | set(by_id)):
@@ -276,9 +279,14 @@ def describe(patch_sets: Sequence[PatchSet], visits: Sequence[Visit]) -> list[st
             f"{open_ones.count(why)} {why}" for why in (TOO_LITTLE, MIXED, NO_STATE) if why in open_ones
         ]
         head = f"{len(patches)} state{'s' * (len(patches) != 1)} in {len(own)} visit{'s' * (len(own) != 1)}"
-        unseen = ["none of which saw what changed"] if len(patches) == 1 and len(own) > 1 else []
+        before = learned.get(number, len(patches))
+        remark = []
+        if before > len(patches):
+            remark = [f"merged by hand from {before}"]
+        elif len(patches) == 1 and len(own) > 1:
+            remark = ["none of which saw what changed"]
         lines.append(
             f"sub-map {number}: "
-            + ", ".join([head + (f" ({supports})" if supports else ""), *unseen, *counts])
+            + ", ".join([head + (f" ({supports})" if supports else ""), *remark, *counts])
         )
     return lines

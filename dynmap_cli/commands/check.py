@@ -12,6 +12,7 @@ import click
 
 from dynmap_cli.commands.options import PATH, Shared, print_summary, recording_options, shared_options
 from dynmap_cli.commands.piped import LogPath
+from dynmap_cli.printable import STANDARD_INPUT
 
 if TYPE_CHECKING:
     from dynmap_cli.checking import Check, Refusal
@@ -85,7 +86,7 @@ def _lines(found: Check, recordings: tuple[Path, ...], shared: Shared) -> list[s
         lines += [*_refused(refusal), ""]
     if found.refusals:
         return [*lines, "build will not work"]
-    names = " ".join(shlex.quote(str(path)) for path in recordings)
+    names = " ".join("-" if str(path) == STANDARD_INPUT else shlex.quote(str(path)) for path in recordings)
     options = [*_options(shared), *dict.fromkeys(one.option for one in found.advice)]
     lines.append(" ".join([f"build will work: dynmap build {names} -o RUN", *options]))
     lines += labelled("for", (f"{one.option}: {one.why}" for one in found.advice))

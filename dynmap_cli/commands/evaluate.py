@@ -23,7 +23,8 @@ def command() -> None:
     """Measure results against truth, references or relations.
 
     Several pairs in one call are several columns, with the mean and its bootstrapped 5 and 95 % band.
-    A result that answers less than 99 % of what was asked for is INCOMPLETE and makes every mean void.
+    A result that answers less than 99 % of what was asked for is INCOMPLETE and makes every mean void,
+    but exits with 0; one of which nothing could be compared exits with 4.
     """
 
 
@@ -40,7 +41,9 @@ def output_options(function: Function) -> Function:
         help="Seed of the bootstrap (default 0).",
     )
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
-    @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
+    @click.option(
+        "-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr; stdout stays as it is."
+    )
     @functools.wraps(function)
     def wrapper(
         *args: Any, as_json: bool, plot_path: Path | None, seed: int, verbose: int, quiet: bool, **kwargs: Any
@@ -53,8 +56,19 @@ def output_options(function: Function) -> Function:
         print_summary(as_record(scores, seed), lines, as_json=as_json)
         if plot_path is not None:
             plot(plot_path, scores)
+        _refuse_nothing(scores)
 
     return wrapper
+
+
+def _refuse_nothing(scores: Sequence[Score]) -> None:
+    """A result of which nothing could be compared is most often one of something else."""
+    from dynmap_cli.errors import LogError
+
+    names = [score.name for score in scores if score.coverage == 0.0]
+    if names:
+        msg = f"{', '.join(names)}: nothing could be compared. Do both files belong to the same recording?"
+        raise LogError(msg)
 
 
 def in_pairs(paths: Sequence[Path], first: str, second: str) -> list[tuple[Path, Path]]:

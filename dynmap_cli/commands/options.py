@@ -109,7 +109,9 @@ def shared_options(function: Function) -> Function:
     @threads_option
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
-    @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
+    @click.option(
+        "-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr; stdout stays as it is."
+    )
     @functools.wraps(function)
     def wrapper(
         *args: Any,
@@ -143,7 +145,9 @@ def reading_options(function: Function) -> Function:
 
     @click.option("--json", "as_json", is_flag=True, help="Write the summary as JSON to stdout.")
     @click.option("-v", "--verbose", count=True, help="More lines on stderr.")
-    @click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr.")
+    @click.option(
+        "-q", "--quiet", is_flag=True, help="Only warnings and errors on stderr; stdout stays as it is."
+    )
     @functools.wraps(function)
     def wrapper(*args: Any, verbose: int, quiet: bool, **kwargs: Any) -> None:
         set_up_logging(verbose, quiet=quiet)

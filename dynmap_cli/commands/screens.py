@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -14,6 +15,8 @@ from dynmap_cli.ingest.raw.recording import Topic
 from dynmap_cli.ingest.report import IngestReport, LaserReport
 
 _WIDTH, _LABEL_WIDTH = 110, 16
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|s|m|m2|mm|cm|deg|m/s|times|per s)(?![\w/]))|(?<=\d per) (?=s\b)")
+"""Where no line ends: a number stays with its unit."""
 _FIRST_CLOCK_S = 315_532_800  # 1980: what is earlier counts from the start of a robot, not of an epoch
 _MOST_OTHERS = 12
 _LASER_HEADER = (
@@ -38,6 +41,7 @@ def screen(report: IngestReport) -> list[str]:
     times = [f"{laser.name}: {_times(laser)}" for laser in report.lasers if laser.used]
     return [
         _title(report),
+        *labelled("apart", [f"a drive of its own: {report.why_apart}"] if report.why_apart else []),
         *table(_LASER_HEADER, [_laser_row(laser) for laser in report.lasers]),
         *labelled("lasers", (f"{laser.name}: {_choice(laser)}" for laser in report.lasers)),
         *labelled("free space", (f"{one.name}: {one.no_return_line}" for one in report.lasers if one.used)),
@@ -56,9 +60,9 @@ def labelled(label: str, sentences: Iterable[str]) -> list[str]:
     """Sentences beside a label, broken into lines; nothing where there are none."""
     lines: list[str] = []
     for sentence in sentences:
-        lines += textwrap.wrap(
-            sentence, _WIDTH - _LABEL_WIDTH, break_long_words=False, break_on_hyphens=False
-        )
+        whole = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", sentence)
+        broken = textwrap.wrap(whole, _WIDTH - _LABEL_WIDTH, break_long_words=False, break_on_hyphens=False)
+        lines += [line.replace("\N{NO-BREAK SPACE}", " ") for line in broken]
     heads = [label, *[""] * len(lines)]
     return [f"  {head:{_LABEL_WIDTH - 2}}{line}" for head, line in zip(heads, lines, strict=False)]
 
@@ -75,8 +79,7 @@ def _title(report: IngestReport) -> str:
     if report.first_stamp_ns >= _FIRST_CLOCK_S * 10**9:
         began = datetime.fromtimestamp(report.first_stamp_ns // 10**9, UTC)
         date = f" from {began:%Y-%m-%d %H:%M:%S} UTC"
-    apart = f"; a drive of its own: {report.why_apart}" if report.why_apart else ""
-    return f"{names}: {report.scans} scans over {report.span_s:.1f} s{date}{apart}"
+    return f"{names}: {report.scans} scans over {report.span_s:.1f} s{date}"
 
 
 def _laser_row(laser: LaserReport) -> tuple[str, ...]:
@@ -118,7 +121,7 @@ def _times(laser: LaserReport) -> str:
         return f"{order}; steady, none missing"
     where = "one gap" if timing.gaps == 1 else f"{timing.gaps} gaps"
     share = timing.missing / (laser.scans + timing.missing)
-    return f"{order}; steady but for {where} into which {timing.missing} scans would fit ({share:.1%} of all)"
+    return f"{order}; steady but for {where} into which {timing.missing} scans would fit ({100 * share:.1f} % of all)"
 
 
 def _transforms(report: IngestReport) -> list[str]:
@@ -159,8 +162,8 @@ def _quality(quality: TrackQuality) -> str:
     elif quality.frozen:
         still = f"stands still in {quality.frozen} of the {quality.moving} half seconds in which the ranges change"
     return (
-        f"covers {quality.covered:.1%} of the scans; turns {math.degrees(quality.turned_rad):.0f} deg in all, fastest "
-        f"{quality.fastest_mps:.2f} m/s; {still}"
+        f"covers {100 * quality.covered:.1f} % of the scans; turns {math.degrees(quality.turned_rad):.0f} deg in all, "
+        f"fastest {quality.fastest_mps:.2f} m/s; {still}"
     )
 
 

@@ -19,6 +19,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.evaluation.association import associate, known_poses
 from dynmap_cli.evaluation.trajectories import LEAST_POSES, align, read_reference
+from dynmap_cli.files.areas_digest import KEY, areas_digest
 from dynmap_cli.files.patch_archive import read_names
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import format_stamp, read_tum
@@ -106,9 +107,9 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
             course_in(one, log, settings, truth, seed=config.seed, threads=context.threads, tick=tick)
             for one in maps
         ]
+    archive = run_dir / "patches" / "patches.zip"
     called = {
-        number: f"{number} ({name})" if name else str(number)
-        for number, name in read_names(run_dir / "patches" / "patches.zip").items()
+        number: f"{number} ({name})" if name else str(number) for number, name in read_names(archive).items()
     }
     first_ns = int(log.stamps_ns[0])
     figure = draw_courses(courses, first_ns, with_truth=truth is not None)
@@ -125,6 +126,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
         "maps": {course.compared.name: _plain(_numbers(course, courses[0])) for course in courses},
         "start": [round(value, 4) for value in start.tolist()],
         "left_out": left_out,
+        KEY: areas_digest(archive),
         "lines": [
             f"start {start[0]:.2f}, {start[1]:.2f} m, {np.degrees(start[2]):.0f} degrees, {by}",
             *(_sentence(course, courses[0]) for course in courses),

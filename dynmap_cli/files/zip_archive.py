@@ -82,6 +82,10 @@ class ZipArchive:
             msg = f"{name} is damaged: its bytes do not unpack to what its checksum says"
             raise ValueError(msg) from err
 
+    def names(self) -> list[str]:
+        """Names of the members, in their order."""
+        return list(self._members)
+
     def __contains__(self, name: str) -> bool:
         """Whether there is such a member."""
         return name in self._members

@@ -89,7 +89,7 @@ class LaserReport:
     def no_return_line(self) -> str:
         """What beams without return mean, and why."""
         means = "count as free space" if self.no_return == "free" else "are left out"
-        return f"beams without a return ({self.share_no_return:.1%} of all) {means}: {self.no_return_why}"
+        return f"beams without a return ({100 * self.share_no_return:.1f} % of all) {means}: {self.no_return_why}"
 
 
 @dataclass(frozen=True, slots=True)

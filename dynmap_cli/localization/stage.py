@@ -11,6 +11,7 @@ from dynmap_cli.domain.grid import FREE, OCCUPIED, CountingMap, GridFrame, Occup
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ConfigError
+from dynmap_cli.files.areas_digest import KEY, areas_digest
 from dynmap_cli.files.pgm import read_map
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
@@ -78,6 +79,8 @@ def run(context: StageContext) -> dict[str, Any]:
     if settings.save_particles:
         write_particles(context.out_dir / "particles.npz", found)
     summary = summarize(found, believed, _names(context))
+    if context.map_yaml is None:
+        summary[KEY] = areas_digest(context.run_dir / "patches" / "patches.zip")
     warnings += [*wheel_words, *found.warnings, *_warn_of_gaps(log, found.health, settings)]
     warnings += _warn_of_losses(summary, found)
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]

@@ -92,7 +92,7 @@ def _registration_summary(log: ScanLog, result: FilterMap, graph: Graph) -> tupl
         lines += [whose + sentence for sentence in _drive_lines(drive)]
         poses = result.trajectory.poses[log.drive_index == number]
         warnings += [whose + sentence for sentence in _drive_warnings(drive, poses, n_loops)]
-    reasons = ", ".join(f"{count} {reason}" for reason, count in rejected.items())
+    reasons = ", ".join(f"{count} for {reason}" for reason, count in rejected.items())
     lines.append(
         f"{n_loops} loops closed, {len(graph.rejected)} rejected" + (f": {reasons}" if reasons else "")
     )

@@ -52,7 +52,8 @@ def states_of(run_dir):
 
 def test_states_are_merged(run_dir):
     before = states_of(run_dir)
-    edited(run_dir, "--merge", "0:0,1")
+    done = edited(run_dir, "--merge", "0:0,1")
+    assert "cluster: sub-map 0: 1 state in 6 visits (6), merged by hand from 2" in done.stdout.splitlines()
     after = states_of(run_dir)
     assert after == {0: {0: sum(before[0].values())}, 1: before[1]}
     visits = read_visits(run_dir / "patches" / "patches.zip")
@@ -83,6 +84,19 @@ def test_a_name_is_shown_wherever_the_sub_map_is(run_dir, tmp_path):
     listed = yaml.safe_load((run_dir / "submaps" / "submaps.yaml").read_text())["submaps"]
     for names in (entries, listed):
         assert [entry.get("name") for entry in names] == [None, "lab door"]
+
+
+def test_a_name_makes_no_result_stale_and_states_that_change_do(run_dir, sample_logs):
+    assert run_dynmap("localize", run_dir, sample_logs / "corridor_tuesday.mcap", "-q").exit_code == 0
+    assert run_dynmap("timeline", run_dir, "-q").exit_code == 0
+    for name in ("lab door", "door of the lab"):
+        assert "warning" not in edited(run_dir, "--name", "1", name).stderr
+    (run_dir / "edits.yaml").write_text((run_dir / "edits.yaml").read_text().replace("door of", "entry of"))
+    assert "warning" not in edited(run_dir).stderr
+    lines = edited(run_dir, "--merge", "0:0,1").stderr.splitlines()
+    assert [line.split(": ")[1] for line in lines] == ["localization/corridor_tuesday", "timeline"]
+    assert run_dynmap("timeline", run_dir, "-q").exit_code == 0
+    assert "timeline" not in edited(run_dir).stderr
 
 
 def test_a_polygon_becomes_a_sub_map_of_its_own(run_dir, area):

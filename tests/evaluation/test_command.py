@@ -52,6 +52,15 @@ def test_a_missing_file_is_one_line(pair, tmp_path):
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_nothing_to_compare_is_shown_and_fails(pair, tmp_path):
+    later = Trajectory(walk(1).stamps_ns + 10**15, walk(1).poses)
+    write_tum(tmp_path / "later.tum", later)
+    result = run("trajectory", tmp_path / "later.tum", pair[1], "--json")
+    assert result.exit_code == 4
+    assert json.loads(result.stdout)["results"][0]["coverage"] == 0.0
+    assert result.stderr.splitlines()[-1].startswith("dynmap: later: nothing could be compared.")
+
+
 def test_an_incomplete_row_makes_the_means_void():
     good, gap = Score("a", 1.0, {"x": 1.0}), Score("b", 0.5, {"x": 0.0})
     assert bands([good, good], 0)["x"].mean == 1.0

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from dynmap_cli.cli import main
+from dynmap_cli.commands.screens import labelled
 from dynmap_cli.ingest.choices.timing import timing_of
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
 from dynmap_cli.ingest.reading import read_recordings
@@ -55,9 +56,27 @@ def test_a_screen_shows_lasers_frames_and_decisions(tmp_path):
     assert "transforms complete from base_link to each laser (3 frames)" in text
     assert "time /scan: in order; steady, none missing" in text
     assert "odometry tf odom -> base_link" in text
-    assert "covers 100.0% of the scans" in text
+    assert "covers 100.0 % of the scans" in text
     assert f"build will work: dynmap build {tmp_path / 'a.bag'} -o RUN" in text
     assert all(len(line) < 130 for line in result.stdout.splitlines()[1:-1])
+
+
+def test_numbers_stay_with_their_units_where_lines_are_broken():
+    for length in range(60, 100):
+        lines = labelled(
+            "odometry", [f"{'x' * length} longest gap 0.05 s, 6.0 per s, turns 1.2 deg, 2.50 m/s, 4 % of"]
+        )
+        assert words_of(" ".join(lines)).endswith("0.05 s, 6.0 per s, turns 1.2 deg, 2.50 m/s, 4 % of")
+        assert not any(line.split()[-1].strip(".").replace(".", "").isdigit() for line in lines), lines
+        assert not any(line.split()[-1] == "per" for line in lines), lines
+
+
+def test_why_a_drive_is_one_of_its_own_is_broken_into_lines(tmp_path):
+    first = write_bag1(tmp_path / "a.bag", World())
+    second = write_bag1(tmp_path / "b.bag", World(start_ns=START_NS + 120 * 10**9, start_m=0.6))
+    result = check(first, second)
+    assert "apart a drive of its own: 119 s after the recording before" in words_of(result.stdout)
+    assert all(len(line) < 130 for line in result.stdout.splitlines() if "build will work" not in line)
 
 
 def test_json_has_the_report_of_each_drive(tmp_path):

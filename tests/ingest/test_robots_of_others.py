@@ -107,7 +107,9 @@ def test_odometry_of_the_robot_comes_before_that_of_a_frame_that_is_not_joined_t
     world.extra += drive_on("/wheels/odom", world)
     log, report = read(tmp_path, world)
     assert report.odometry == "/wheels/odom"
-    assert report.odometry_rejected == ("/camera/odom (second choice)",)
+    assert report.odometry_rejected == (
+        "/camera/odom (second choice after /wheels/odom, which is nearer to the robot's frame or first by name)",
+    )
     np.testing.assert_allclose(log.odometry, world.poses, atol=1e-9)
 
 

@@ -37,8 +37,8 @@ def drop_mixed(recording: RawRecording, first_ns: int, last_ns: int) -> None:
     begin_s, end_s = ((at_ns - int(ordered_ns[0])) * 1e-9 for at_ns in (first_ns, last_ns))
     what = (
         f"{file_name(recording.name)}: from t = {begin_s:.1f} s to {end_s:.1f} s scans come twice as often, and "
-        f"{share:.0%} of them show two places in turn, as where the clock was set back and messages were put in order "
-        "since"
+        f"{100 * share:.0f} % of them show two places in turn, as where the clock was set back and messages were put "
+        "in order since"
     )
     if share <= LEAST_ALTERNATING:
         recording.warnings.append(f"{what}: positions there may be wrong")

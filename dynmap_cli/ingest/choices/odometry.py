@@ -83,6 +83,10 @@ def find_odometry(
     return replace(chosen, rejected=tuple(rejected))
 
 
+SECOND_CHOICE = "second choice"
+"""Begins why a source was not taken that nothing speaks against."""
+
+
 def _nowhere(why: str, stamps_ns: I64, rejected: Sequence[str] = ()) -> Odometry:
     """No odometry, with the reason."""
     return Odometry("none", why, np.full((stamps_ns.size, 3), np.nan), 0.0, 0.0, tuple(rejected))
@@ -93,8 +97,10 @@ def _why_not(other: Odometry, chosen: Odometry) -> str:
     if _path_m(other.poses) < _LEAST_PATH_M <= _path_m(chosen.poses):
         return "it stands still"
     if _cover(other.poses) < min(_LEAST_COVER, _cover(chosen.poses)):
-        return f"it covers {_cover(other.poses):.0%} of the sweeps"
-    return "second choice"
+        return f"it covers {100 * _cover(other.poses):.0f} % of the sweeps"
+    if chosen.source.startswith("tf "):
+        return f"{SECOND_CHOICE}, as sound transforms come before topics"
+    return f"{SECOND_CHOICE} after {chosen.source}, which is nearer to the robot's frame or first by name"
 
 
 def _always_jumps(stamps_ns: I64, poses: F64) -> str:

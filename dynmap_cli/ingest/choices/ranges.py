@@ -189,8 +189,8 @@ def _weigh(
     shares = "; not compared with other beams, which takes odometry and enough of them"
     if found is not None:
         shares = (
-            f"{found.of_no_returns:.0%} of them would pass through what other beams hit "
-            f"({found.of_returns:.0%} of the beams with a return seem to)"
+            f"{100 * found.of_no_returns:.0f} % of them would pass through what other beams hit "
+            f"({100 * found.of_returns:.0f} % of the beams with a return seem to)"
         )
         if found.of_no_returns > max(_MOST_CONTRADICTED, _CONTRADICTED_EXCESS * found.of_returns):
             return "ignore", f"{shares}, so the laser failed to measure there rather than saw nothing"

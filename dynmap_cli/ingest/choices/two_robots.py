@@ -129,9 +129,10 @@ def refuse_two_lasers(columns: Columns, name: str) -> None:
     share = n_alternating / starts.size
     if share > LEAST_ALTERNATING:
         msg = (
-            f"{name}: after {share:.0%} of the scans the next one shows another place and one of the two after it this "
-            "one again, as where two robots or lasers publish on one topic under one frame, or the clock was set back "
-            "while recording. Record each on a topic of its own and with a steady clock, or pass another --scan-topic."
+            f"{name}: after {100 * share:.0f} % of the scans the next one shows another place and one of the two after "
+            "it this one again, as where two robots or lasers publish on one topic under one frame, or the clock was "
+            "set back while recording. Record each on a topic of its own and with a steady clock, or pass another "
+            "--scan-topic."
         )
         raise LogError(msg)
 
