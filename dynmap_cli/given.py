@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from dynmap_cli.errors import DynmapError, LogError
+from dynmap_cli.errors import ArtifactError, DynmapError, LogError
 from dynmap_cli.files.manifest import sha256_of
 from dynmap_cli.ingest.containers.opening import check_path
 
@@ -22,6 +22,13 @@ def check_recordings(recordings: Sequence[Path]) -> None:
             raise LogError(msg)
     for path in recordings:
         check_path(path)
+
+
+def check_apart(output: Path, recordings: Sequence[Path]) -> None:
+    """Refuse an output that is, or lies in, a recording that is read: it would change what was recorded."""
+    if any(output.resolve().is_relative_to(path.resolve()) for path in recordings):
+        msg = f"{output}: is, or lies in, the recording that is read. Choose another output."
+        raise ArtifactError(msg)
 
 
 def digests_of(paths: Sequence[Path], error: type[DynmapError]) -> dict[str, str]:

@@ -32,7 +32,7 @@ from dynmap_cli.files.pgm import image_of
 from dynmap_cli.files.publishing import finish_swap, publish, read_manifest_or_none
 from dynmap_cli.files.space import check_space
 from dynmap_cli.floor_plan import STAGE_PLACES, STAGES, read_by
-from dynmap_cli.given import check_recordings, digests_of
+from dynmap_cli.given import check_apart, check_recordings, digests_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.printable import printable
 from dynmap_cli.reruns import why_again
@@ -97,6 +97,7 @@ def build(
         first_forced = [stage.name for stage in STAGES].index(force_from)
     context = context_of(run_dir, config, threads, tuple(recordings))
     check_recordings(recordings)
+    check_apart(run_dir, recordings)
     results = []
     with writing(run_dir, is_output=True):
         finish_swap(run_dir, STAGE_PLACES)
@@ -117,6 +118,7 @@ def run_one(
     stage = next(stage for stage in STAGES if stage.name == name)
     if stage is INGEST:
         check_recordings(recordings)
+        check_apart(run_dir, recordings)
     elif not run_dir.is_dir():
         msg = (
             f"{run_dir}: no such run directory. Run `dynmap ingest LOG -o {run_dir}` or `dynmap build` first."

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.clock_sets import interleaved_ns, undo_set_back
 from dynmap_cli.ingest.choices.mixed import drop_mixed
+from dynmap_cli.ingest.containers.db3_journals import Loss
 from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.settings import IngestSettings
@@ -41,6 +42,7 @@ def load_all(
             lost.append(str(err).replace(source.name, printable(file_name(source.name)), 1))
             continue
         loaded[-1][1].warnings += [f"{printable(file_name(source.name))}: {told}" for told in source.said]
+        loaded[-1][1].damage += [told for told in source.said if isinstance(told, Loss)]
     if refusal is not None and not loaded:
         raise refusal
     loaded[0][1].warnings += lost

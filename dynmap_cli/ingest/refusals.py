@@ -53,7 +53,9 @@ def damage_refused(recording: RawRecording) -> LogError:
         if why not in recording.dropped and not any(why in line for line in told)
     ]
     dropped = [f"{count} x {reason}" for reason, count in recording.dropped.items()]
-    damage = [f"damaged ({'; '.join(left)})"] if left else ["damaged"] if dropped and not told else []
+    damage = [] if told and told[0].startswith("cut off or damaged") else ["damaged"]
+    if left:
+        damage = [f"damaged ({'; '.join(left)})"]
     return LogError(
         f"{head}{'; '.join([*damage, *told, *dropped])}. "
         "Copy it again from the robot, or leave out --strict (ingest.strict: false) to use what is whole."

@@ -1,6 +1,7 @@
 """Recordings of strangers: nothing unpacks without bound, writes elsewhere, is seen by others, or is run."""
 
 import ast
+import os
 import re
 import stat
 import zipfile
@@ -12,13 +13,15 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode
 
 import dynmap_cli
-from dynmap_cli.errors import LogError
+from dynmap_cli.config import Config
+from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.ingest import reading
 from dynmap_cli.ingest.containers import unpacking
-from dynmap_cli.ingest.containers.opening import find_sources
+from dynmap_cli.ingest.containers.opening import check_path, find_sources
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from tests.ingest.corpus import FILES
+from dynmap_cli.pipeline import run_one
+from tests.ingest.corpus import FILES, FOLDERS
 from tests.ingest.written import World, write_bag2, write_mcap
 
 SETTINGS = IngestSettings()
@@ -143,3 +146,19 @@ def test_no_module_runs_what_it_reads():
             if isinstance(node, ast.Call):
                 called = ast.unparse(node.func)
                 assert called not in {"eval", "exec", "np.load", "yaml.load", "yaml.unsafe_load"}, path
+
+
+@pytest.mark.parametrize("inside", ["", "run"])
+def test_an_output_that_is_or_lies_in_the_recording_is_refused(tmp_path, inside):
+    folder = FOLDERS["folder db3"](tmp_path)
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(ArtifactError, match="is, or lies in, the recording that is read"):
+        run_one(folder / inside, "ingest", Config(), threads=1, force=False, recordings=[folder])
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/a\xff.db3"))
+    path.write_bytes(b"SQLite format 3")
+    with pytest.raises(LogError, match="its name is no UTF-8 text; rename it"):
+        check_path(path)

@@ -6,6 +6,7 @@ over do the same. So only real tables are read, for no longer than a file of its
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import struct
 from collections.abc import Iterator
@@ -55,7 +56,7 @@ def open_tables(path: Path) -> Iterator[sqlite3.Connection]:
     sqlite3.Error
         From its queries, if it is damaged or takes too long.
     """
-    address = f"file:{quote(str(path.resolve()))}?mode=ro&immutable=1"
+    address = f"file:{quote(os.fsencode(path.resolve()))}?mode=ro&immutable=1"
     connection = sqlite3.connect(address, uri=True, isolation_level=None)
     connection.set_progress_handler(WorkBound(path), STEPS_AT_ONCE)
     try:

@@ -13,7 +13,12 @@ from pathlib import Path
 from dynmap_cli.errors import LogError
 from dynmap_cli.files.damage import reason
 from dynmap_cli.ingest.containers.bag_folders import plain_folder
-from dynmap_cli.ingest.containers.db3_journals import join_journals, journals_of
+from dynmap_cli.ingest.containers.db3_journals import (
+    is_named_journal,
+    join_journals,
+    journals_of,
+    odd_journals,
+)
 from dynmap_cli.ingest.containers.formats import HEAD_BYTES, KNOWN, kind_of, kind_of_head
 from dynmap_cli.ingest.containers.streams import (
     STREAM_KINDS,
@@ -30,6 +35,7 @@ _SUFFIXES = {"ros1": ".bag", "db3": ".db3", "mcap": ".mcap"}
 _NAMED_AS_RECORDINGS = frozenset({".bag", ".active", ".db3", ".mcap"})
 _BELONGING = ("metadata.yaml", "-wal", "-journal")
 _LONGEST_SHOWN = 200
+_NO_TEXT = "its name is no UTF-8 text; rename it"
 _MOST_LAYERS, _MOST_MEMBERS = 5, 10_000
 _UNPACK_ERRORS = (
     OSError,
@@ -110,9 +116,10 @@ def _recordings_in(path: Path) -> tuple[list[Path], list[str]]:
     files, lost = [], []
     for inner in sorted(path.iterdir()):
         why = _why_no_recording(inner) if inner.is_file() else "no regular file"
+        why = why or ("" if _is_text(inner.name) else _NO_TEXT)
         if not why:
             files.append(inner)
-        elif any(suffix in _NAMED_AS_RECORDINGS for suffix in inner.suffixes):
+        elif _is_named_recording(inner) or why == _NO_TEXT:
             lost.append(f"{printable(inner.name)}: {why}; it is not read")
     return files, lost
 
@@ -146,14 +153,18 @@ def check_path(path: Path) -> None:
     Raises
     ------
     LogError
-        If it is missing, cannot be looked at, or is of another kind.
+        If it is missing, cannot be looked at, is of another kind, or its name is no text.
     """
     try:
         mode = path.stat().st_mode
         inner = sorted(path.iterdir()) if stat.S_ISDIR(mode) else []
         # Of a folder that may be listed and not entered nothing can be looked at.
         is_bag = any(found.name == "metadata.yaml" for found in inner) or (path / "metadata.yaml").is_file()
-        odd = [found for found in inner if is_bag and not (found.is_file() or found.is_dir())]
+        odd = [
+            found
+            for found in inner
+            if is_bag and not (found.is_file() or found.is_dir() or is_named_journal(found))
+        ]
     except FileNotFoundError as err:
         msg = f"{path}: no such file or folder"
         raise LogError(msg) from err
@@ -163,9 +174,26 @@ def check_path(path: Path) -> None:
         raise LogError(msg) from err
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         odd = [path]
+    for found in (path, *(found for found in inner if is_bag and _is_named_recording(found))):
+        if not _is_text(str(found)):
+            msg = f"{found}: {_NO_TEXT}"
+            raise LogError(msg)
     if odd:
         msg = f"{odd[0]}: neither a regular file nor a folder. Copy the recording into a file first."
         raise LogError(msg)
+
+
+def _is_named_recording(file: Path) -> bool:
+    return any(suffix in _NAMED_AS_RECORDINGS for suffix in file.suffixes)
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name can be written into results: bytes that are no UTF-8 stand in it as halves of characters."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _source_of_file(
@@ -190,11 +218,12 @@ def _source_of_file(
             why = f"the {kind} file is damaged or cut off: {why}"
             damage = f"{damage}; {why}" if damage else why
         return _source_of_file(target, name, scratch, limit_bytes, layers + 1, damage)
+    said = odd_journals(path) if kind == "db3" else []
     if kind == "db3" and journals_of(path):
         joined = _new_folder(scratch) / "recording.db3"
-        _, said = join_journals(path, joined, limit_bytes)
+        said += join_journals(path, joined, limit_bytes)[1]
         return Source(name, kind, joined, damage, tuple(said))
-    return Source(name, kind, _with_suffix(path, kind, scratch), damage)
+    return Source(name, kind, _with_suffix(path, kind, scratch), damage, tuple(said))
 
 
 def _refuse_packed_rest(path: Path, name: str, kind: str) -> None:
@@ -216,7 +245,9 @@ def _bag_folder(path: Path, name: str, scratch: Path, limit_bytes: int, damage: 
     """A ROS 2 bag folder."""
     target = _new_folder(scratch) / file_name(name)
     found = plain_folder(path, target, limit_bytes, name)
-    return Source(name, "ros2", found.path, "; ".join(filter(None, (damage, found.damage))), found.said)
+    odd = [told for file in sorted(path.glob("*.db3")) for told in odd_journals(file)]
+    damage = "; ".join(filter(None, (damage, found.damage)))
+    return Source(name, "ros2", found.path, damage, (*found.said, *odd))
 
 
 def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:
