@@ -53,8 +53,11 @@ def command(shared: Shared) -> None:
 
 def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     """Simulate, build, localize; what is written is thrown away."""
+    import numpy as np
+
     from dynmap_cli.finished import localize
     from dynmap_cli.ingest.settings import IngestSettings
+    from dynmap_cli.localization.particles.motion import updated_velocity
     from dynmap_cli.pipeline import build
     from dynmap_cli.simulation.stage import simulate_to_files
 
@@ -71,3 +74,5 @@ def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
         weighed = config.localization.model_copy(update={"sensor": sensor})
         chosen = config.model_copy(update={"ingest": ingest, "localization": weighed})
         localize(folder / "run", [recording], folder / sensor, chosen, threads=shared.threads, force=False)
+    # Only needed where neither wheels nor scans tell how the robot moved, as they do in this room.
+    updated_velocity(np.zeros(3), np.zeros((2, 3)), np.zeros((2, 3)), np.full(2, 0.5), 1.0)

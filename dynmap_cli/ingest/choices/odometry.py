@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynmap_cli.arrays import F64, I64
-from dynmap_cli.domain.poses import compose, inverse
+from dynmap_cli.domain.poses import compose, inverse, wrap_angle
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import FrameTree
 from dynmap_cli.ingest.choices.laid_sweeps import speak_for
@@ -24,6 +24,7 @@ _LEAST_PATH_M = 0.02
 _MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _MOST_JUMPING = 0.1
 _LEAST_PAIRS, _NO_BETTER = 8, 0.8
+_TURN_RAD, _OFTEN = np.radians(6.0), 0.05
 
 
 def find_odometry(
@@ -122,6 +123,9 @@ def _turns_otherwise(turns: ScanTurns, stamps_ns: I64, poses: F64) -> str:
     found = agreement_at(turns, stamps_ns, poses)
     if found.n_pairs < _LEAST_PAIRS:
         return ""
+    # Pairs in which an odometry turns most are looked for: where it alone turns, and seldom, they are slips of wheels.
+    if found.still_rad < _TURN_RAD and _turning_share(turns, stamps_ns, poses) < _OFTEN:
+        return ""
     if min(found.same_rad, found.opposite_rad) < _NO_BETTER * found.still_rad:
         return ""
     if speak_for(turns, stamps_ns, poses):
@@ -130,6 +134,16 @@ def _turns_otherwise(turns: ScanTurns, stamps_ns: I64, poses: F64) -> str:
         f"its heading does not turn as the scans do: in the {found.n_pairs} half seconds with turns they differ by "
         f"{np.degrees(found.same_rad):.0f} deg in the median, of {np.degrees(found.still_rad):.0f} that the scans turn"
     )
+
+
+def _turning_share(turns: ScanTurns, stamps_ns: I64, poses: F64) -> float:
+    """In what share of spans as long as those of the pairs, one after the other, an odometry turns."""
+    span_ns = int(np.median(turns.second_ns - turns.first_ns))
+    at_ns = np.arange(stamps_ns[0], stamps_ns[-1], max(span_ns, 1))
+    headings = poses[np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1), 2]
+    turned_rad = wrap_angle(np.diff(headings))
+    known = np.isfinite(turned_rad)
+    return float(np.mean(np.abs(turned_rad[known]) > _TURN_RAD)) if known.any() else 0.0
 
 
 def _as_wished(
