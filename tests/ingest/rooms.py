@@ -56,11 +56,11 @@ class Room(World):
         )
 
 
-def seen_from(starts: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def seen_from(starts: np.ndarray, angles: np.ndarray, walls: np.ndarray = _WALLS) -> np.ndarray:
     """Distances (n, n_beams) to the nearest wall from places (n, 2) in directions (n, n_beams)."""
     nearest = np.full(angles.shape, np.inf)
     along = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    for x0, y0, x1, y1 in _WALLS:
+    for x0, y0, x1, y1 in walls:
         wall = np.array([x1 - x0, y1 - y0])
         to_wall = np.array([x0, y0]) - starts[:, None, :]
         across = along[..., 0] * wall[1] - along[..., 1] * wall[0]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, wrap_angle
-from dynmap_cli.ingest.choices.headings import range_flow
+from dynmap_cli.ingest.choices.range_flow import range_flow
+from tests.ingest.corridors import Corridor, mended
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
 from tests.ingest.test_clock_offsets import with_poses
@@ -106,3 +107,32 @@ def test_a_corridor_does_not_say_how_far_the_laser_moved_along_it():
     ranges_m[ranges_m > 12.0] = np.nan
     _, _, is_known = range_flow(ranges_m[None], ranges_m[None], bearings_rad)
     assert not is_known.any()
+
+
+HEADINGS = {"reversing": math.pi, "crabbing": QUARTER}
+
+
+@pytest.mark.parametrize("walk_mps", [0.4, 0.8, 1.3])
+@pytest.mark.parametrize("yaw_rad", HEADINGS.values(), ids=HEADINGS)
+def test_people_who_walk_along_with_the_robot_do_not_turn_its_odometry(yaw_rad, walk_mps):
+    drive = Corridor(yaw_rad=yaw_rad, people_per_m=0.1, walk_mps=walk_mps)
+    poses, said = mended(drive.poses, drive.sweeps())
+    assert not said
+    np.testing.assert_array_equal(poses, drive.poses)
+
+
+@pytest.mark.parametrize("noise_m", [0.01, 0.03])
+@pytest.mark.parametrize("yaw_rad", HEADINGS.values(), ids=HEADINGS)
+def test_noise_along_a_bare_corridor_says_nothing_of_the_odometry(yaw_rad, noise_m):
+    drive = Corridor(60.0, 2.0, 0.5, yaw_rad, noise_m=noise_m)
+    poses, said = mended(drive.poses, drive.sweeps())
+    assert not said
+    np.testing.assert_array_equal(poses, drive.poses)
+
+
+def test_a_short_corridor_still_tells_that_positions_go_sideways():
+    drive = Corridor(length_m=24.0)
+    wrong = drive.poses + np.array([0.0, 0.0, QUARTER])
+    poses, said = mended(wrong, drive.sweeps())
+    assert "mended" in said[0]
+    np.testing.assert_allclose(poses, drive.poses, atol=1e-6)

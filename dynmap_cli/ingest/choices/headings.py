@@ -1,13 +1,8 @@
-r"""Odometry whose positions go another way than its headings say: axes exchanged, a sign, a driver a quarter turn off.
+"""Odometry whose positions go another way than its headings say: axes exchanged, a sign, a driver a quarter turn off.
 
 A robot mostly drives along its x axis. Where its odometry says otherwise, the sweeps tell which way it went, for some
-drive sideways. From one sweep to a next one ranges r at bearing b, u = (cos b, sin b), v = (-sin b, cos b), change by
-
-.. math::
-    \Delta r = -d \cdot u + \frac{r'}{r} d \cdot v + r' \varphi
-
-where the laser moves by d and turns by phi (the range flow of Gonzalez and Gutierrez, 1999): three unknowns of as many
-equations as there are beams.
+drive sideways. But along a bare corridor only people tell it, who walk as they like, or noise. So the sweeps must show
+steps as long as those of the odometry, and lie better on one another as they show it, or nothing is said.
 """
 
 from __future__ import annotations
@@ -15,14 +10,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
-from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.ingest.choices.frames import Mounting
+from dynmap_cli.ingest.choices.laid_sweeps import share_nearer
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.odometry_sources import Odometry
+from dynmap_cli.ingest.choices.range_flow import C128, LEAST_BEAMS, range_flow
 from dynmap_cli.ingest.choices.turns import ScanTurns, agreement_at
 from dynmap_cli.ingest.raw.columns import counts_of
 from dynmap_cli.ingest.raw.laser import ScanShape
@@ -33,11 +29,10 @@ _MOST_LOOKED_AT, _MOST_PAIRS, _LEAST_PAIRS = 1000, 200, 25
 _STEPS_M, _MOST_TURN_RAD = (0.03, 0.5), 0.1
 _ALONG, _ALONG_RAD = 0.8, np.radians(30.0)
 _OFF_RAD, _FITS_RAD, _CLEARLY = np.radians(30.0), np.radians(15.0), 0.4
+_MOST_RATIO, _MOSTLY = 1.5, 0.7
+_LAID_M, _MOST_TIMES, _TELLING = 0.2, 10, 0.3
 _QUARTER_RAD, _SNAP_RAD = np.pi / 2.0, np.radians(5.0)
-_MOST_SLOPE_M, _MOST_CHANGE_M, _OUTLIERS, _LEAST_KNOWN = 0.3, 0.6, 3.0, 0.03
-_LEAST_BEAMS, _ROUNDS = 20, 3
 _OTHER_Y, _OTHER_YAW = np.array([1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0])
-C128 = NDArray[np.complex128]
 
 
 def mend_heading(
@@ -60,47 +55,100 @@ def mend_heading(
     counts = counts_of(columns.geometry_index, len(columns.geometries))
     counts[[laser != 0 for laser, _ in columns.geometries]] = 0
     usual = int(np.argmax(counts))
-    if columns.geometries[usual][1].n_beams < _LEAST_BEAMS:
+    has_beams = columns.geometries[usual][1].n_beams >= LEAST_BEAMS
+    own = np.flatnonzero((columns.geometry_index == usual) & has_beams)
+    numbers, apart = _pairs(columns.stamps_ns[own], odometry.poses[own])
+    first, second = odometry.poses[own[numbers]], odometry.poses[own[numbers + apart]]
+    if numbers.size < _LEAST_PAIRS or _drives_along(first, second):
         return odometry
-    rows, others = _pairs(columns, usual, odometry.poses)
-    if rows.size < _LEAST_PAIRS or _drives_along(odometry.poses[rows], odometry.poses[others]):
+    few = np.unique(np.linspace(0, numbers.size - 1, min(_MOST_PAIRS, numbers.size)).astype(np.int64))
+    motions, is_known = _motions_by_sweeps(columns, own[numbers[few]], own[numbers[few] + apart], mounting)
+    few, motions = few[is_known], motions[is_known]
+    numbers, first, second = numbers[few], first[few], second[few]
+    moved = motions[:, 0] + 1j * motions[:, 1]
+    if numbers.size < _LEAST_PAIRS or not _is_as_fast(moved, first, second):
         return odometry
-    few = np.unique(np.linspace(0, rows.size - 1, min(_MOST_PAIRS, rows.size)).astype(np.int64))
-    rows, others = rows[few], others[few]
-    moved, is_known = _moved_by_sweeps(columns, rows, others, mounting)
-    rows, others, moved = rows[is_known], others[is_known], moved[is_known]
-    if rows.size < _LEAST_PAIRS:
-        return odometry
-    first, second = odometry.poses[rows], odometry.poses[others]
     off_rad = _off_rad(moved, first, second)
     as_is_rad = float(np.median(np.abs(off_rad)))
     if as_is_rad < _OFF_RAD:
         return odometry
     turned = agreement_at(turns, columns.stamps_ns, odometry.poses)
-    signs, told = (_OTHER_YAW if turned.opposite_rad < turned.same_rad else _OTHER_Y), []
-    mirrored_rad = _off_rad(moved, first * signs, second * signs)
-    poses = odometry.poses.copy()
-    if _left_rad(mirrored_rad) < _CLEARLY * _left_rad(off_rad):
-        off_rad, poses = mirrored_rad, poses * signs
-        told.append("the sign of its headings" if signs is _OTHER_YAW else "the sign of its y")
-    left_rad, turn_rad = _left_rad(off_rad), _snapped(_middle_rad(off_rad))
+    signs = _OTHER_YAW if turned.opposite_rad < turned.same_rad else _OTHER_Y
+    poses, left_rad, told = _brought_together(odometry.poses, moved, first, second, signs)
+    is_simple = left_rad < min(_FITS_RAD, _CLEARLY * as_is_rad)
+    times = int(np.clip(round(_LAID_M / float(np.median(np.abs(moved)))), 1, _MOST_TIMES))
+    is_there = numbers + times * apart < own.size
+    numbers, motions = numbers[is_there], motions[is_there]
+    rows, others = own[numbers], own[numbers + times * apart]
+    seen = (poses[rows], poses[others]) if is_simple else (0.0 * motions, times * motions)
+    if not _lie_better(columns, rows, others, mounting, seen, odometry.poses):
+        return odometry
     what = (
         f"odometry {odometry.source}: its positions go {np.degrees(as_is_rad):.0f} deg off the way that its headings "
-        f"and the scans show, in the median of {rows.size} steps"
+        f"and the scans show, in the median of {off_rad.size} steps"
     )
-    if left_rad > min(_FITS_RAD, _CLEARLY * as_is_rad):
+    if not is_simple:
         recording.warnings.append(
             f"{what}, and nothing simple mends that; if the map comes out bent, pass --odom none"
         )
         return odometry
-    poses[:, 2] = wrap_angle(poses[:, 2] - turn_rad)
-    if turn_rad:
-        told.append(f"its headings by {np.degrees(float(wrap_angle(np.array(-turn_rad)))):+.0f} deg")
     recording.warnings.append(
         f"{what}, as where a driver exchanges axes; mended, {np.degrees(left_rad):.0f} deg are left: changed are "
         f"{' and '.join(told)}"
     )
     return replace(odometry, poses=poses)
+
+
+def _brought_together(
+    poses: F64, moved: C128, first: F64, second: F64, signs: F64
+) -> tuple[F64, float, list[str]]:
+    """Poses (n, 3) turned, and mirrored by signs (3,) where that is clearly better; what is left, and what is changed.
+
+    Steps go from the poses first (m, 3) to second, and as the sweeps show x + iy = moved (m,) in the robot's frame.
+    """
+    off_rad, told = _off_rad(moved, first, second), []
+    mirrored_rad = _off_rad(moved, first * signs, second * signs)
+    poses = poses.copy()
+    if _left_rad(mirrored_rad) < _CLEARLY * _left_rad(off_rad):
+        off_rad, poses = mirrored_rad, poses * signs
+        told.append("the sign of its headings" if signs is _OTHER_YAW else "the sign of its y")
+    turn_rad = _snapped(_middle_rad(off_rad))
+    poses[:, 2] = wrap_angle(poses[:, 2] - turn_rad)
+    if turn_rad:
+        told.append(f"its headings by {np.degrees(float(wrap_angle(np.array(-turn_rad)))):+.0f} deg")
+    return poses, _left_rad(off_rad), told
+
+
+def _is_as_fast(moved: C128, first: F64, second: F64) -> bool:
+    """Whether the sweeps mostly show steps, moved (m,), as long as those between poses (m, 3).
+
+    People who walk past, and noise, are as fast as they like.
+    """
+    ratio = np.abs(moved) / np.hypot(*(second - first)[:, :2].T)
+    is_near = (ratio > 1.0 / _MOST_RATIO) & (ratio < _MOST_RATIO)
+    return bool(np.mean(is_near) > _MOSTLY)
+
+
+def _lie_better(
+    columns: Columns, rows: I64, others: I64, mounting: Mounting, seen: tuple[F64, F64], poses: F64
+) -> bool:
+    """Whether sweeps (m,) lie clearly better on others by robot poses seen before and after than by poses (n, 3)."""
+    before, after, bearings_rad = _sweeps(columns, rows, others, mounting)
+    stamps_ns = columns.stamps_ns
+    pairs = ScanTurns(
+        stamps_ns[rows],
+        stamps_ns[others],
+        np.zeros(rows.size),
+        before.astype(np.float32),
+        after.astype(np.float32),
+        bearings_rad,
+        mounting.robot_from_sensor,
+    )
+    by_seen, by_poses = (
+        between(*(compose(pose, mounting.robot_from_sensor) for pose in both))
+        for both in (seen, (poses[rows], poses[others]))
+    )
+    return share_nearer(pairs, by_seen, by_poses) > _TELLING
 
 
 def _off_rad(moved: C128, first: F64, second: F64) -> F64:
@@ -109,24 +157,19 @@ def _off_rad(moved: C128, first: F64, second: F64) -> F64:
     return np.asarray(np.angle(moved * np.conj(steps * np.exp(-1j * first[:, 2]))))
 
 
-def _pairs(columns: Columns, geometry: int, poses: F64) -> tuple[I64, I64]:
-    """Numbers (m,) of sweeps of one geometry, and of later ones, a short and straight step apart."""
-    own = np.flatnonzero(columns.geometry_index == geometry)
-    if own.size <= _LEAST_PAIRS:
-        return own[:0], own[:0]
-    looks = np.linspace(0, own.size - 2, min(_MOST_LOOKED_AT, own.size - 1)).astype(np.int64)
-    stamps_ns = columns.stamps_ns
-    period_s = max(
-        float(np.median(stamps_ns[own[looks + 1]] - stamps_ns[own[looks]])) * 1e-9, _LEAST_PERIOD_S
-    )
-    apart = min(max(1, round(_SPAN_S / period_s)), own.size - 1)
-    looks = np.minimum(looks, own.size - 1 - apart)
-    rows, others = own[looks], own[looks + apart]
-    steps = poses[others] - poses[rows]
+def _pairs(stamps_ns: I64, poses: F64) -> tuple[I64, int]:
+    """Numbers (m,) of sweeps a short and straight step before others, and how many sweeps later these are."""
+    n_sweeps = stamps_ns.size
+    if n_sweeps <= _LEAST_PAIRS:
+        return np.zeros(0, dtype=np.int64), 1
+    looks = np.linspace(0, n_sweeps - 2, min(_MOST_LOOKED_AT, n_sweeps - 1)).astype(np.int64)
+    period_s = max(float(np.median(stamps_ns[looks + 1] - stamps_ns[looks])) * 1e-9, _LEAST_PERIOD_S)
+    apart = min(max(1, round(_SPAN_S / period_s)), n_sweeps - 1)
+    looks = np.minimum(looks, n_sweeps - 1 - apart)
+    steps = poses[looks + apart] - poses[looks]
     step_m = np.hypot(steps[:, 0], steps[:, 1])
     is_straight = np.abs(wrap_angle(steps[:, 2])) < _MOST_TURN_RAD
-    is_good = (step_m > _STEPS_M[0]) & (step_m < _STEPS_M[1]) & is_straight
-    return rows[is_good], others[is_good]
+    return looks[(step_m > _STEPS_M[0]) & (step_m < _STEPS_M[1]) & is_straight], apart
 
 
 def _drives_along(first: F64, second: F64) -> bool:
@@ -159,16 +202,20 @@ def _snapped(angle_rad: float) -> float:
     return quarter_rad if abs(angle_rad - quarter_rad) < _SNAP_RAD else angle_rad
 
 
-def _moved_by_sweeps(columns: Columns, rows: I64, others: I64, mounting: Mounting) -> tuple[C128, B1]:
-    """How the robot moved between sweeps, x + iy (m,) in its frame before, and where (m,) that is known."""
+def _motions_by_sweeps(columns: Columns, rows: I64, others: I64, mounting: Mounting) -> tuple[F64, B1]:
+    """How the robot moved between sweeps, x, y, turn (m, 3) in its frame before, and where (m,) that is known."""
+    moved, turned_rad, is_known = range_flow(*_sweeps(columns, rows, others, mounting))
+    x, y, yaw_rad = mounting.robot_from_sensor
+    moved = moved * np.exp(1j * yaw_rad) - (np.exp(1j * turned_rad) - 1.0) * complex(x, y)
+    return np.column_stack([moved.real, moved.imag, turned_rad]), is_known
+
+
+def _sweeps(columns: Columns, rows: I64, others: I64, mounting: Mounting) -> tuple[F64, F64, F64]:
+    """Ranges (m, n_beams) of sweeps of one geometry before and after, and bearings (n_beams,) as seen from above."""
     _, shape = columns.geometries[int(columns.geometry_index[rows[0]])]
     before, after = (_returns(columns.ranges_m[picked, : shape.n_beams], shape) for picked in (rows, others))
     give_back(columns.ranges_m)
-    bearings_rad = shape.bearings_rad * (-1.0 if mounting.is_upside_down else 1.0)
-    moved, turned_rad, is_known = range_flow(before, after, bearings_rad)
-    x, y, yaw_rad = mounting.robot_from_sensor
-    lever = complex(x, y)
-    return moved * np.exp(1j * yaw_rad) - (np.exp(1j * turned_rad) - 1.0) * lever, is_known
+    return before, after, shape.bearings_rad * (-1.0 if mounting.is_upside_down else 1.0)
 
 
 def _returns(ranges_m: F32, shape: ScanShape) -> F64:
@@ -176,54 +223,3 @@ def _returns(ranges_m: F32, shape: ScanShape) -> F64:
     values = np.asarray(ranges_m, dtype=np.float64)
     values[~((values > shape.range_min_m) & (values > 0.0) & (values < shape.range_max_m))] = np.nan
     return values
-
-
-def range_flow(before: F64, after: F64, bearings_rad: F64) -> tuple[C128, F64, B1]:
-    """How a laser moved between pairs of its sweeps, by the changes of its ranges.
-
-    Parameters
-    ----------
-    before, after : (m, n_beams) float64
-        Ranges in metres; NaN = no return.
-    bearings_rad : (n_beams,) float64
-
-    Returns
-    -------
-    moved : (m,) complex128
-        x + iy in metres, in the frame of the laser before.
-    turned_rad : (m,) float64
-    is_known : (m,) bool
-        Whether the beams say how far it moved in both directions.
-    """
-    middle = (before + after) / 2.0
-    rise = middle[:, 2:] - middle[:, :-2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = rise / (bearings_rad[2:] - bearings_rad[:-2])
-    along = np.exp(1j * bearings_rad[1:-1])
-    change, range_m = (after - before)[:, 1:-1], middle[:, 1:-1]
-    factor = -along + slope / range_m * (1j * along)
-    columns = np.stack([factor.real, factor.imag, slope], axis=2)
-    is_used = np.isfinite(columns).all(axis=2) & np.isfinite(change)
-    is_used &= (np.abs(rise) < _MOST_SLOPE_M) & (np.abs(change) < _MOST_CHANGE_M)
-    # A code for no return stays exactly the same.
-    is_used &= (rise != 0.0) | (change != 0.0)
-    columns[~is_used], change = 0.0, np.where(is_used, change, 0.0)
-    weights = is_used.astype(np.float64)
-    found = np.zeros((before.shape[0], 3))
-    for _ in range(_ROUNDS):
-        normal = np.einsum("mb,mbi,mbj->mij", weights, columns, columns) + 1e-9 * np.eye(3)
-        found = np.linalg.solve(normal, np.einsum("mb,mbi,mb->mi", weights, columns, change)[..., None])[
-            ..., 0
-        ]
-        off_m = np.abs(change - np.einsum("mbi,mi->mb", columns, found))
-        off_m[~is_used] = np.nan
-        with np.errstate(invalid="ignore"):
-            usual_m = np.nanmedian(np.where(is_used.any(axis=1, keepdims=True), off_m, 0.0), axis=1)
-            weights = (is_used & (off_m <= _OUTLIERS * usual_m[:, None])).astype(np.float64)
-    # What is known of the way where the turn is not: the turn is eliminated from the equations.
-    schur = normal[:, :2, :2] - normal[:, :2, 2:] * normal[:, 2:, :2] / normal[:, 2:, 2:]
-    n_used = np.count_nonzero(is_used, axis=1)
-    is_known = (n_used >= _LEAST_BEAMS) & (
-        np.linalg.eigvalsh(schur)[:, 0] > _LEAST_KNOWN * np.maximum(n_used, 1)
-    )
-    return found[:, 0] + 1j * found[:, 1], found[:, 2], is_known
