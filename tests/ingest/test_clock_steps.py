@@ -1,5 +1,7 @@
 """A clock that is set while a recording is made, where the times of recording go on, and what only looks like that."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
@@ -100,6 +102,52 @@ def test_times_of_recording_that_are_late_are_no_clock_that_was_set(moved_ns, tm
     world.moved_ns = moved_ns
     _, report = read(tmp_path, world)
     assert not any("was set while it was made" in line for line in report.warnings)
+
+
+@dataclass
+class Flushed(Late):
+    """One source is recorded late, until what waits is dropped at once; from then on it is recorded in time."""
+
+    late_s: float = 1.0
+    first: int = 60
+    which: tuple[str, ...] = ("/scan",)
+
+    def messages(self):
+        counts = {}
+        for topic, kind, logged_ns, fields in super().messages():
+            number = counts[topic] = counts.get(topic, -1) + 1
+            if topic in self.which and self.first <= number < self.first + round(10 * self.late_s):
+                continue
+            is_late = topic in self.which and number < self.first
+            yield topic, kind, logged_ns + round(self.late_s * 1e9) * is_late, fields
+
+
+@pytest.mark.parametrize("late_s", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("first", [30, 60, 80])
+@pytest.mark.parametrize("which", ["laser", "odometry"])
+def test_a_slow_program_that_drops_what_waits_is_no_clock_that_was_set(which, first, late_s, tmp_path):
+    world = Flushed(late_s=late_s, first=first, which=SOURCES[which])
+    log, report = read(tmp_path, world)
+    assert not clock_warnings(report)
+    at = np.searchsorted(world.stamps_ns, log.stamps_ns)
+    np.testing.assert_array_equal(log.stamps_ns, world.stamps_ns[at])
+    is_known = (which == "laser") | (at < first) | (at >= first + round(10 * late_s))
+    np.testing.assert_allclose(log.odometry[is_known], world.poses[at[is_known]], atol=1e-6)
+
+
+@pytest.mark.parametrize("which", ["laser", "odometry"])
+def test_where_nothing_turns_stamps_of_a_late_program_stay_and_that_is_said(which, tmp_path):
+    class Straight(Flushed):
+        @staticmethod
+        def poses_at(numbers):
+            return np.column_stack([0.03 * numbers, 0.0 * numbers, 0.0 * numbers])
+
+    world = Straight(which=SOURCES[which])
+    log, report = read(tmp_path, world)
+    (line,) = clock_warnings(report)
+    assert f"{SOURCES[which][0]} jumps by +1.000 s" in line
+    assert "whether the clock was set or messages that waited were lost is not told" in line
+    assert np.isin(log.stamps_ns, world.stamps_ns).all()
 
 
 def test_messages_that_were_lost_are_no_clock_that_was_set(tmp_path):

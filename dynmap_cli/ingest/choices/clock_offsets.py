@@ -82,25 +82,23 @@ def delay_of(stamps_ns: I64, logged_ns: I64) -> tuple[int, float]:
 
 def _fits_better_as_stamped(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> bool:
     """Whether the sweeps turn with a source where its stamps are, and not where the times of recording put it."""
-    as_stamped, as_logged = _agreement(source, turns, 0), _agreement(source, turns, shift_ns)
-    return _off_rad(as_stamped) < _CLEARLY * _off_rad(as_logged)
+    as_stamped, as_logged = agreement_moved(source, turns, 0), agreement_moved(source, turns, shift_ns)
+    return off_rad(as_stamped) < _CLEARLY * off_rad(as_logged)
 
 
-def _agreement(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> Agreement:
+def agreement_moved(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> Agreement:
     """How the turns of a source agree with those of the sweeps, if its stamps are moved."""
-    yaws_rad = tuple(
-        _yaws_at(source, stamps_ns - shift_ns) for stamps_ns in (turns.first_ns, turns.second_ns)
-    )
+    yaws_rad = tuple(yaws_at(source, stamps_ns - shift_ns) for stamps_ns in (turns.first_ns, turns.second_ns))
     return agreement(turns, (yaws_rad[0], yaws_rad[1]))
 
 
-def _yaws_at(source: RawOdometry | RawTransform, at_ns: I64) -> F64:
+def yaws_at(source: RawOdometry | RawTransform, at_ns: I64) -> F64:
     """Headings (n,) at times; NaN where there are none."""
     if isinstance(source, RawOdometry):
         return np.asarray(interpolate(*source.as_arrays(), at_ns)[:, 2])
     return np.asarray(planar(make_edge(source).at(at_ns))[:, 2])
 
 
-def _off_rad(found: Agreement) -> float:
+def off_rad(found: Agreement) -> float:
     """What is left of the turns, whichever way up the laser is."""
     return min(found.same_rad, found.opposite_rad)

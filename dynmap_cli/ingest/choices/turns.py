@@ -127,10 +127,15 @@ def rows_at(stamps_ns: I64, at_ns: I64) -> I64:
     return np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1)
 
 
-def turns_of(laser: RawLaser, headings: Headings | None = None) -> ScanTurns:
-    """Find how a laser turned, by pairs of its sweeps of the usual shape, many of them where odometries turn."""
+def turns_of(laser: RawLaser, headings: Headings | None = None, part: slice | None = None) -> ScanTurns:
+    """Find how a laser turned, by pairs of its sweeps of the usual shape, many of them where odometries turn.
+
+    Of a part only, if one is given, in the order of recording.
+    """
     usual = int(np.argmax(np.bincount(laser.shape_index)))
     rows = np.flatnonzero(laser.shape_index == usual)
+    if part is not None:
+        rows = rows[(rows >= part.start) & (rows < part.stop)]
     stamps_ns = laser.stamps_ns[rows]
     order = np.argsort(stamps_ns, kind="stable")
     rows, stamps_ns = rows[order], stamps_ns[order]
