@@ -116,7 +116,7 @@ def _recordings_in(path: Path) -> tuple[list[Path], list[str]]:
     files, lost = [], []
     for inner in sorted(path.iterdir()):
         why = _why_no_recording(inner) if inner.is_file() else "no regular file"
-        why = why or ("" if _is_text(inner.name) else _NO_TEXT)
+        why = why or ("" if _can_be_opened(inner) else _NO_TEXT)
         if not why:
             files.append(inner)
         elif _is_named_recording(inner) or why == _NO_TEXT:
@@ -175,7 +175,7 @@ def check_path(path: Path) -> None:
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         odd = [path]
     for found in (path, *(found for found in inner if is_bag and _is_named_recording(found))):
-        if not _is_text(str(found)):
+        if not _can_be_opened(found):
             msg = f"{found}: {_NO_TEXT}"
             raise LogError(msg)
     if odd:
@@ -187,12 +187,12 @@ def _is_named_recording(file: Path) -> bool:
     return any(suffix in _NAMED_AS_RECORDINGS for suffix in file.suffixes)
 
 
-def _is_text(name: str) -> bool:
-    """Whether a name can be written into results: bytes that are no UTF-8 stand in it as halves of characters."""
+def _can_be_opened(path: Path) -> bool:
+    """Whether SQLite can open a .db3 by its name, which takes UTF-8; others are read whatever they are called."""
     try:
-        name.encode()
+        str(path).encode()
     except UnicodeEncodeError:
-        return False
+        return path.suffix != ".db3"
     return True
 
 
