@@ -268,3 +268,16 @@ def test_a_number_of_messages_that_is_none_is_said_and_not_counted_with(suffix, 
     assert_is_world(log)
     assert f"its metadata.yaml says that it holds '{count}' messages of" in report.damage[0]
     assert write_salvaged([folder], tmp_path / "copy.mcap", SETTINGS).losses
+
+
+@pytest.mark.parametrize("suffix", STORAGES)
+def test_copies_of_a_file_and_far_numbers_are_no_further_parts(suffix, tmp_path):
+    folder = write_bag2(tmp_path / "a", WORLD, STORAGES[suffix])
+    (file,) = folder.glob(f"*{suffix}")
+    shutil.copy(file, folder / f"a_1{suffix}")
+    other = write_bag2(tmp_path / "b", part(2), STORAGES[suffix])
+    shutil.copy(next(other.glob(f"*{suffix}")), folder / f"a_999{suffix}")
+    log, report = read(folder)
+    assert_is_world(log)
+    assert not report.damage
+    assert any("not listed in its metadata.yaml, not read" in told for told in report.warnings)

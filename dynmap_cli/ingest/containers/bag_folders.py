@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -153,7 +154,7 @@ def _content(path: Path, there: list[str]) -> _Content:
     if missing:
         found.whys.append(f"its {METADATA} lists {_shown(missing)}, not there as a file")
     unlisted = [one for one in there if one not in found.names]
-    parts = _parts_among(unlisted, found.names)
+    parts = [one for one in _parts_among(unlisted, found.names) if not _is_copy(path, one, found.names)]
     if parts:
         found.whys.append(
             f"{_shown(parts)} of the same recording, not listed in its {METADATA}, read all the same"
@@ -166,16 +167,24 @@ def _content(path: Path, there: list[str]) -> _Content:
 
 
 def _parts_among(unlisted: Sequence[str], listed: Sequence[str]) -> list[str]:
-    """Files named like those that are listed, with another number; the plain one of two of a number."""
+    """Files named like those that are listed, with another number near theirs; the plain one of two of a number."""
     known = {_part_of(one)[0] for one in listed}
     numbers = {_part_of(one) for one in listed}
+    last = max((int(number[1:] or 0) for _, number in numbers), default=0) + len(unlisted)
     parts = []
     for one in sorted(unlisted, key=_is_named_packed):
         part = _part_of(one)
-        if part[0] in known and part not in numbers:
+        if part[0] in known and part not in numbers and int(part[1][1:] or 0) <= last:
             numbers.add(part)
             parts.append(one)
     return parts
+
+
+def _is_copy(path: Path, name: str, listed: Sequence[str]) -> bool:
+    """Whether a file of a folder has the same content as one that is listed."""
+    return any(
+        (path / other).is_file() and filecmp.cmp(path / name, path / other, shallow=False) for other in listed
+    )
 
 
 def _part_of(name: str) -> tuple[str, str]:
