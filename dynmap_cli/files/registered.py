@@ -1,4 +1,4 @@
-"""What later stages take from map/: poses of the scans, and in which order the beams of a sweep were made."""
+"""What later stages take from map/: poses of the scans, the order of the beams of a sweep, where lasers are mounted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynmap_cli.files.npy import Column, read_npy
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import read_tum, write_tum
 
-TRAJECTORY, BEAM_INTERVALS = "trajectory.tum", "beam_interval_s.npy"
+TRAJECTORY, BEAM_INTERVALS, MOUNTINGS = "trajectory.tum", "beam_interval_s.npy", "sensor_poses.npy"
 _REMEDY = "Run `dynmap map` again with --force."
 
 
@@ -26,8 +26,13 @@ def write_registered(map_dir: Path, trajectory: Trajectory, beam_interval_s: F64
     np.save(map_dir / BEAM_INTERVALS, np.ascontiguousarray(beam_interval_s, dtype="<f8"))
 
 
+def write_mountings(map_dir: Path, sensor_poses: F64) -> None:
+    """Write sensor_poses.npy (n_geometries, 3), which stands for what the recording states."""
+    np.save(map_dir / MOUNTINGS, np.ascontiguousarray(sensor_poses, dtype="<f8"))
+
+
 def read_registered(scans_dir: Path, map_dir: Path) -> tuple[ScanLog, Trajectory]:
-    """Open the scans of a run with the times of their beams as the map has them, and read their poses.
+    """Open the scans of a run with times of their beams and mountings as the map has them, and read their poses.
 
     Raises
     ------
@@ -38,10 +43,18 @@ def read_registered(scans_dir: Path, map_dir: Path) -> tuple[ScanLog, Trajectory
     if not np.array_equal(trajectory.stamps_ns, log.stamps_ns):
         msg = f"{map_dir / TRAJECTORY}: not the trajectory of these scans. {_REMEDY}"
         raise ArtifactError(msg)
-    path = map_dir / BEAM_INTERVALS
-    with refusing_damage(f"{path}: not a readable table of beam intervals", _REMEDY, ArtifactError):
-        intervals = read_npy(path, Column("<f8", log.beam_interval_s.shape), in_memory=True)
-        if not np.isfinite(intervals).all():
+    intervals = _read_table(map_dir / BEAM_INTERVALS, log.beam_interval_s.shape, "beam intervals")
+    sensor_poses = log.sensor_poses
+    if (map_dir / MOUNTINGS).exists():
+        sensor_poses = _read_table(map_dir / MOUNTINGS, sensor_poses.shape, "sensor poses")
+    return replace(log, beam_interval_s=intervals, sensor_poses=sensor_poses), trajectory
+
+
+def _read_table(path: Path, shape: tuple[int, ...], what: str) -> F64:
+    """Numbers of each geometry."""
+    with refusing_damage(f"{path}: not a readable table of {what}", _REMEDY, ArtifactError):
+        values: F64 = read_npy(path, Column("<f8", shape), in_memory=True)
+        if not np.isfinite(values).all():
             msg = "it has values that are no numbers"
             raise ValueError(msg)
-    return replace(log, beam_interval_s=intervals), trajectory
+    return values

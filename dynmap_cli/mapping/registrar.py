@@ -20,6 +20,7 @@ from dynmap_cli.scan_matching.calibration import Calibration
 from dynmap_cli.scan_matching.front_end import Registered, register
 from dynmap_cli.scan_matching.matcher import FrontEndParams
 from dynmap_cli.scan_matching.odometry import calibrate, corrected_motion, lacks_sign
+from dynmap_cli.scan_matching.several_lasers import Mounting, find_mountings
 from dynmap_cli.scan_matching.sweep_order import SweepOrder, find_sweep_order, path_twists
 from dynmap_cli.scan_matching.sweeps import Sweeps
 from dynmap_cli.scan_matching.wheel_faults import (
@@ -47,7 +48,11 @@ class Registrar:
     Attributes
     ----------
     log : ScanLog
-        The sweeps of the drive.
+        The sweeps of the drive; its sensor poses are corrected where several lasers contradict one another.
+    mountings : tuple of Mounting
+        The lasers whose sensor poses were corrected.
+    believed_share : float
+        Factor on what the matches of single scans know, 1 unless several lasers disagree by far more than they say.
     calibration : Calibration
         Of the odometry.
     front : Registered or None
@@ -66,6 +71,8 @@ class Registrar:
         if is_crowded:
             self._params = replace(self._params, independent_share=_CROWDED_SHARE)
         self.calibration = Calibration()
+        self.mountings: tuple[Mounting, ...] = ()
+        self.believed_share = 1.0
         self.front: Registered | None = None
         self.wheel_faults: tuple[WheelFault, ...] = ()
         self.carries: tuple[Carry, ...] = ()
@@ -145,6 +152,8 @@ class Registrar:
         part = sweeps.part(0, _CALIBRATION_SCANS)
         motion = corrected_motion(part.odometry, part.times_s, Calibration())
         first_pass, order = self._first_pass(part, motion)
+        if self.rays.laser_index.max() > 0:
+            first_pass = self._with_agreeing_lasers(part, motion, first_pass)
         known = Calibration(sweep=order.name, is_revolution=order.is_revolution)
         if not np.isfinite(part.odometry).all(axis=1).any():
             return known
@@ -163,6 +172,35 @@ class Registrar:
             in_seconds=not main.all(),
         )
         return replace(found, sweep=known.sweep, is_revolution=known.is_revolution)
+
+    def _with_agreeing_lasers(self, part: Sweeps, motion: F64, first_pass: Registered) -> Registered:
+        """Correct where the lasers are mounted, and match again, believing the matches no more than they agree."""
+        twists = path_twists(self.rays, self.log.bearings_rad, part, first_pass.poses)
+        stated, laser_index = self.rays.sensor_poses.copy(), self.rays.laser_index
+        seen = laser_index[part.geometry_index]
+
+        def match(sensor_poses: F64) -> Registered:
+            self._mount(sensor_poses)
+            return self._register(part, motion, _FIRST_PASS, twists=twists)
+
+        mounted, left = find_mountings(stated, laser_index, seen, match, part.times_s)
+        self._mount(mounted)
+        first = stated[np.flatnonzero(laser_index == np.bincount(seen).argmax())[0]]
+        moved = np.flatnonzero((mounted != stated).any(axis=1))
+        _, once = np.unique(laser_index[moved], return_index=True)
+        self.mountings = tuple(Mounting(stated[k], mounted[k], first) for k in moved[once])
+        self.believed_share = left.believed_share
+        if not self.mountings and self.believed_share == 1.0:
+            return first_pass
+        share = self._params.independent_share * self.believed_share
+        self._params = replace(self._params, independent_share=share)
+        return match(mounted)
+
+    def _mount(self, sensor_poses: F64) -> None:
+        """Take the lasers to be at these poses (n_geometries, 3) on the robot."""
+        self.log = replace(self.log, sensor_poses=sensor_poses.copy())
+        usable_m, beam_interval_s = self.rays.usable_m, self.rays.beam_interval_s
+        self.rays = rays_of(self.log, np.inf)._replace(usable_m=usable_m, beam_interval_s=beam_interval_s)
 
     def _first_pass(self, part: Sweeps, motion: F64) -> tuple[Registered, SweepOrder]:
         """Match with loose odometry, find out how the beams of a sweep follow on one another, and match so.

@@ -71,6 +71,8 @@ class FilterMap:
     beam_interval_s : (n_geometries,) float64
         Time from one beam to the next as the scans show it: negative where a sweep runs from the last beam to the
         first, 0 where all beams are made at once.
+    sensor_poses : (n_geometries, 3) float64
+        robot_from_sensor, corrected where several lasers contradict one another.
     drives : tuple of Registrar
         What registered each drive; empty where the recorded poses were taken as they are.
     matched_range_m : float
@@ -83,6 +85,7 @@ class FilterMap:
     unfiltered: OccupancyGrid
     graph: Graph | None
     beam_interval_s: F64
+    sensor_poses: F64
     drives: tuple[Registrar, ...]
     matched_range_m: float
 
@@ -125,7 +128,7 @@ def build_filter_map(
             # Where people come by all the time, few of them stand out on the map of the whole recording.
             weights = crowd if known is None else _least_of(known, crowd, spare)
         before, poses = poses, site.poses(weights, f"round {len(rounds) + 1} of {settings.max_rounds}")
-        frame = frame_of_scans(log, poses, settings.usable_range_m, settings.resolution_m)
+        frame = frame_of_scans(site.log, poses, settings.usable_range_m, settings.resolution_m)
         twists = twists_of(site.log, poses)
         filtered = filter_beams(site.log, poses, frame, params, twists=twists, threads=threads, out=spare)
         if not rounds:
@@ -142,6 +145,7 @@ def build_filter_map(
                 unfiltered,
                 site.graph,
                 np.array(site.log.beam_interval_s),
+                np.array(site.log.sensor_poses),
                 site.drives,
                 site.matched_range_m,
             )

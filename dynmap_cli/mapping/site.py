@@ -95,7 +95,7 @@ class Site:
             drive.register(self._own_sweeps(sweeps, number), label)
             for number, drive in enumerate(self.drives)
         ]
-        self._take_beam_intervals()
+        self._take_lasers()
         if len(parts) == 1:
             return parts[0]
         if self._site_from_drive is None:
@@ -108,15 +108,16 @@ class Site:
         self._site_from_drive = compose(graph.poses[first_keys], inverse(drive_poses))
         return front, graph
 
-    def _take_beam_intervals(self) -> None:
-        """The order of the beams as the drives found it, for each drive's own geometries."""
-        intervals = self._rays.beam_interval_s.copy()
+    def _take_lasers(self) -> None:
+        """The order of the beams and the mountings as the drives found them, for each drive's own geometries."""
+        intervals, mounted = self._rays.beam_interval_s.copy(), self._rays.sensor_poses.copy()
         for drive in self.drives:
             own = np.unique(drive.log.geometry_index)
             intervals[own] = drive.rays.beam_interval_s[own]
-        self._rays = self._rays._replace(beam_interval_s=intervals)
+            mounted[own] = drive.rays.sensor_poses[own]
         # The log makes its columns read-only; the kernels keep one signature with a copy.
-        self.log = replace(self.log, beam_interval_s=intervals.copy())
+        self.log = replace(self.log, beam_interval_s=intervals.copy(), sensor_poses=mounted.copy())
+        self._rays = rays_of(self.log, self.matched_range_m)
 
     def _own_sweeps(self, sweeps: Sweeps, number: int) -> Sweeps:
         """The sweeps of one drive; they are those of the whole log where there is no other."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynmap_cli.files.counting_map import write_beams, write_counting_map
 from dynmap_cli.files.pgm import write_map
-from dynmap_cli.files.registered import write_registered
+from dynmap_cli.files.registered import write_mountings, write_registered
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.stage import Stage, StageContext
 
@@ -41,6 +41,8 @@ def run(context: StageContext) -> dict[str, Any]:
     out = context.out_dir
     result = build_filter_map(log, settings, threads=context.threads, folder=out)
     write_registered(out, result.trajectory, result.beam_interval_s)
+    if not np.array_equal(result.sensor_poses, log.sensor_poses):
+        write_mountings(out, result.sensor_poses)
     write_beams(
         out / "beams.npz", log.stamps_ns, result.filtered.static_probability, result.filtered.is_unknown
     )

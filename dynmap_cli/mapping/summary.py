@@ -103,6 +103,12 @@ def _registration_summary(log: ScanLog, result: FilterMap, graph: Graph) -> tupl
 def _drive_lines(drive: Registrar) -> list[str]:
     """How the odometry and the sweeps of a drive are to be read."""
     lines = [drive.calibration.sentence()] if drive.log.has_odometry.any() else []
+    lines += [mounting.sentence() for mounting in drive.mountings]
+    if drive.believed_share < 1.0:
+        lines.append(
+            f"poses by scans of different lasers are {1.0 / np.sqrt(drive.believed_share):.1f} times as far from one "
+            "another as the matches say; each scan is believed that much less against the odometry"
+        )
     if drive.calibration.sweep == "last to first":
         lines.append("sweeps run from the last beam to the first")
     if drive.calibration.is_revolution:

@@ -23,9 +23,9 @@ from dynmap_cli.files.documents import read_text
 from dynmap_cli.files.manifest import Manifest, read_manifest
 from dynmap_cli.files.patch_archive import read_patches, read_rounds, read_visits
 from dynmap_cli.files.pgm import read_map
+from dynmap_cli.files.registered import read_registered
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
-from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.report.page import Picture, Section, write_page
 from dynmap_cli.stage import Stage, StageContext
 
@@ -119,8 +119,8 @@ def _map_pictures(context: StageContext, submaps: Sequence[SubMap]) -> tuple[Pic
     from dynmap_cli.report.pictures import MapPicture
 
     folder = context.run_dir / "map"
-    poses = read_tum(folder / "trajectory.tum").poses
-    log = read_scan_log(context.scans_dir)
+    log, trajectory = read_registered(context.scans_dir, folder)
+    poses = trajectory.poses
     grid, _ = read_map(folder / "map.yaml")
     removed, n_removed = _removed_ends(folder / "beams.npz", log, poses, grid.frame)
     paths = [poses[log.drive_index == number, :2] for number in range(log.n_drives)]

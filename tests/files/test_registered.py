@@ -8,7 +8,13 @@ import pytest
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.domain.scans import single_laser_log
 from dynmap_cli.errors import ArtifactError
-from dynmap_cli.files.registered import BEAM_INTERVALS, read_registered, write_registered
+from dynmap_cli.files.registered import (
+    BEAM_INTERVALS,
+    MOUNTINGS,
+    read_registered,
+    write_mountings,
+    write_registered,
+)
 from dynmap_cli.files.scan_log import write_scan_log
 
 STAMPS = np.arange(4) * 10**9
@@ -46,4 +52,18 @@ def test_a_map_of_other_scans_is_refused(folders):
 def test_damaged_intervals_are_refused(intervals, folders):
     np.save(folders / "map" / BEAM_INTERVALS, intervals)
     with pytest.raises(ArtifactError, match="not a readable table of beam intervals"):
+        read_registered(folders / "scans", folders / "map")
+
+
+def test_mountings_of_the_map_stand_for_those_of_the_recording(folders):
+    log, _ = read_registered(folders / "scans", folders / "map")
+    assert log.sensor_poses.tolist() == [[0.0, 0.0, 0.0]]
+    write_mountings(folders / "map", np.array([[0.1, 0.2, 0.3]]))
+    log, _ = read_registered(folders / "scans", folders / "map")
+    assert log.sensor_poses.tolist() == [[0.1, 0.2, 0.3]]
+
+
+def test_damaged_mountings_are_refused(folders):
+    np.save(folders / "map" / MOUNTINGS, np.full((1, 3), np.nan))
+    with pytest.raises(ArtifactError, match="not a readable table of sensor poses"):
         read_registered(folders / "scans", folders / "map")
