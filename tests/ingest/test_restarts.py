@@ -1,5 +1,7 @@
 """An odometry that starts at its origin again while a recording is made."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -208,3 +210,15 @@ def test_a_thousand_restarts_are_said_and_left():
     found, (line,) = joined(poses[: 8 * 20])
     assert "15 times more" in line
     np.testing.assert_allclose(found[:, 0], 0.1 * np.arange(160), atol=1e-9)
+
+
+@pytest.mark.parametrize(("first_sweep", "is_said"), [(0, True), (80, False)])
+def test_what_an_odometry_did_before_the_first_sweep_does_not_matter(first_sweep, is_said):
+    poses = np.zeros((160, 3))
+    poses[:80, 0] = 0.1 * np.arange(80) + 0.1
+    poses[80:, 0] = 0.1 * np.arange(80)
+    recording = recorded(poses)
+    sweeps_ns = PERIOD_NS * np.arange(first_sweep, 160)
+    recording.lasers["/scan"] = SimpleNamespace(stamps_ns=sweeps_ns)
+    join_restarts(recording)
+    assert bool(recording.warnings) == is_said

@@ -25,10 +25,14 @@ _ORIGIN, _EXACTLY, _LEFT_ORIGIN_M, _TURNED_RAD = 0.01, 1e-6, 0.3, 0.3
 _LOOKED_AT, _TIMES_AS_FAST, _LEAST_STEP_S = 5, 3.0, 1e-3
 _LOOKED_AFTER, _BACK_SHARE = 20, 0.5
 _MOST_LOOKS, _MOST_TOLD, _MISSING = 1000, 4, 2
+_LATEST = 2**63 - 1
 
 
 def join_restarts(recording: RawRecording) -> None:
-    """Let poses that start at the origin again go on from where they were; says where, and how far that was."""
+    """Let poses that start at the origin again go on from where they were; says where, and how far that was.
+
+    Before the first sweep and after the last one no pose is used, so nothing is done.
+    """
     sources: list[tuple[str, RawOdometry | RawTransform]] = [*recording.odometry.items()]
     sources += [
         (f"{parent} -> {child}", found)
@@ -36,6 +40,7 @@ def join_restarts(recording: RawRecording) -> None:
         if not found.is_static and "odom" in last_name(parent)
     ]
     told = []
+    first_ns, last_ns = recording.span_ns if recording.lasers else (-_LATEST, _LATEST)
     for name, source in sources:
         places = (source.poses if isinstance(source, RawOdometry) else source.values)[:, :2]
         returns, leaves = _at_origin(sorted_by_stamp(source.stamps_ns, places)[1])
@@ -45,7 +50,9 @@ def join_restarts(recording: RawRecording) -> None:
             rows = [
                 row
                 for row in looks[:_MOST_LOOKS].tolist()
-                if _is_restart(stamps_ns, poses, row) and _goes_on(stamps_ns, poses, row, leaves)
+                if first_ns < stamps_ns[row] <= last_ns
+                and _is_restart(stamps_ns, poses, row)
+                and _goes_on(stamps_ns, poses, row, leaves)
             ]
             if rows and looks.size > _MOST_LOOKS:
                 recording.warnings.append(
