@@ -19,9 +19,9 @@ from dynmap_cli.files.counting_map import write_beams
 from dynmap_cli.files.manifest import Manifest, write_manifest
 from dynmap_cli.files.patch_archive import write_patches
 from dynmap_cli.files.pgm import write_map
+from dynmap_cli.files.registered import write_registered
 from dynmap_cli.files.scan_log import write_scan_log
 from dynmap_cli.files.submaps import write_submaps
-from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.report.curves import _legend
 from dynmap_cli.report.filtering import side_by_side
 from dynmap_cli.report.pictures import MapPicture
@@ -74,7 +74,7 @@ def write_run(folder, submaps=(), patch_sets=(), visits=(), settings=None):
         inputs = {"/somewhere/else/a.mcap": "ab" * 32} if stage == "ingest" else {}
         write_manifest(folder / name, Manifest(stage, effective, inputs, {}, summary, 1.0, __version__))
     write_scan_log(folder / "scans", log)
-    write_tum(folder / "map" / "trajectory.tum", Trajectory(log.stamps_ns, np.zeros((N_SCANS, 3))))
+    write_registered(folder / "map", Trajectory(log.stamps_ns, np.zeros((N_SCANS, 3))), log.beam_interval_s)
     write_beams(folder / "map" / "beams.npz", log.stamps_ns, labels, np.zeros(labels.shape, bool))
     for grid_name in ("map", "unfiltered", "round_1", "round_2"):
         write_map(folder / "map", grid_name, small_grid())
