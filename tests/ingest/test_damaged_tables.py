@@ -95,3 +95,15 @@ def test_topics_whose_numbers_do_not_tell_them_apart_are_said(number, tmp_path):
     np.testing.assert_array_equal(log.ranges_m, WORLD.ranges_m)
     assert "topics have" in report.damage[0]
     assert "different numbers" in report.damage[0]
+
+
+def test_words_of_a_damaged_file_that_are_no_text_are_no_traceback(tmp_path):
+    """Found by `make fuzz`: SQLite complains in words of the file itself."""
+    path = FILES["db3"](tmp_path)
+    data = bytearray(path.read_bytes())
+    data[3151] ^= 0xFF
+    path.write_bytes(data)
+    try:
+        read(path)
+    except LogError as err:
+        assert "\n" not in str(err)

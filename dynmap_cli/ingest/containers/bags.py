@@ -154,7 +154,8 @@ def read_bag(path: Path, name: str, kind: str, space: Space) -> RawRecording:
         for connection in (one for inner in readers for one in inner.connections):
             counts[connection.topic, connection.msgtype] += connection.msgcount
         recording.topics = [
-            Topic(printable(topic), msgtype, count) for (topic, msgtype), count in sorted(counts.items())
+            Topic(printable(topic), printable(msgtype), count)
+            for (topic, msgtype), count in sorted(counts.items())
         ]
         stated = sum(topic.count for topic in recording.topics if topic.kind in USED_TYPES)
         if found != stated:

@@ -54,7 +54,7 @@ def db3_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
                 {} if TOPICS in odd else _topics(connection, losses, has_definitions=DEFINITIONS not in odd)
             )
             yield from _messages(connection, topics, losses)
-    except sqlite3.Error as err:
+    except (sqlite3.Error, UnicodeDecodeError) as err:
         losses.note(words_of_database(err))
 
 
@@ -121,7 +121,7 @@ def _optional(connection: sqlite3.Connection, query: str, *values: int) -> list[
     """Rows of a query; none where the bag has no such table or column, or it is damaged."""
     try:
         return connection.execute(query, values).fetchall()
-    except sqlite3.Error:
+    except (sqlite3.Error, UnicodeDecodeError):
         return []
 
 
@@ -140,7 +140,7 @@ def _rows(connection: sqlite3.Connection, losses: Losses) -> Iterator[tuple[obje
                 last, jump = number, 1
                 yield row[0], row[1], row[2]
             return
-        except sqlite3.Error as err:
+        except (sqlite3.Error, UnicodeDecodeError) as err:
             why = words_of_database(err)
             losses.note(why)
             if why == TOO_LONG:

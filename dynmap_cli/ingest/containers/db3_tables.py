@@ -100,8 +100,10 @@ def bytes_behind(path: Path) -> int:
     return max(path.stat().st_size - size, 0) if size else 0
 
 
-def words_of_database(err: sqlite3.Error) -> str:
-    """What SQLite complains of."""
+def words_of_database(err: sqlite3.Error | UnicodeDecodeError) -> str:
+    """What SQLite complains of, which may be in words of a damaged file that are none."""
+    if isinstance(err, UnicodeDecodeError):
+        return "database disk image is malformed"
     return TOO_LONG if str(err) == "interrupted" else words_of(err)
 
 

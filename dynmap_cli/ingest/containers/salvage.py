@@ -68,7 +68,9 @@ def read_salvaged(
         losses.why.insert(0, refusal.why)
     if not counts:
         raise damaged(name, kind, UnreadableBagError(losses.why[0] if losses.why else "it holds no messages"))
-    recording.topics = [Topic(topic, msgtype, count) for (topic, msgtype), count in sorted(counts.items())]
+    recording.topics = [
+        Topic(topic, printable(msgtype), count) for (topic, msgtype), count in sorted(counts.items())
+    ]
     if losses.why:
         line = losses.line(file_name(name), kind, counts.total(), reader.span.seconds)
         recording.warnings.append(line)
