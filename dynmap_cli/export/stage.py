@@ -20,6 +20,7 @@ from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.space import nearest_folder
 from dynmap_cli.files.tables import new_table
 from dynmap_cli.files.trajectory import read_tum
+from dynmap_cli.given import check_apart
 from dynmap_cli.ingest.settings import IngestSettings
 
 if TYPE_CHECKING:
@@ -33,9 +34,7 @@ def check_output(out_path: Path, recordings: Sequence[Path], *, force: bool) -> 
     if out_path.suffix != ".mcap":
         msg = f"{out_path}: what is written is an MCAP file; its name must end in .mcap"
         raise ArtifactError(msg)
-    if any(out_path.resolve().is_relative_to(path.resolve()) for path in recordings):
-        msg = f"{out_path}: is, or lies in, the recording that is read. Choose another output."
-        raise ArtifactError(msg)
+    check_apart(out_path, recordings)
     if out_path.exists() and not force:
         msg = f"{out_path}: exists already. Pass --force to replace it, or choose another output."
         raise ArtifactError(msg)

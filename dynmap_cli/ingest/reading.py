@@ -58,6 +58,7 @@ from dynmap_cli.ingest.choices.units import mend_units
 from dynmap_cli.ingest.containers.opening import find_sources
 from dynmap_cli.ingest.loading import load_all
 from dynmap_cli.ingest.raw.columns import blocks_of, known_rows, picked, picked_rows, put_rows, spans
+from dynmap_cli.ingest.raw.laser import most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
@@ -211,7 +212,8 @@ def load_recordings(
         mend_units(recording)
         mend_clock_steps(recording)
         join_set_clocks(recording)
-        reference = ReferenceLaser(recording.lasers) if recording.lasers else None
+        laser = most_used(recording.lasers.values())
+        reference = None if laser is None else ReferenceLaser(laser)
         if reference is not None:
             align_clocks(recording, reference)
         part_tracks(recording, reference)

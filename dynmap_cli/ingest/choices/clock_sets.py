@@ -14,7 +14,7 @@ import numpy as np
 from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.merging import period_s_of
 from dynmap_cli.ingest.raw.columns import ascends, steps_in
-from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.laser import RawLaser, most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 
 _BACK_NS, _FORTH_NS = -5 * 10**9, 7 * 86_400 * 10**9
@@ -49,7 +49,7 @@ class _Sets(NamedTuple):
 
 def join_set_clocks(recording: RawRecording) -> None:
     """Move stamps from before and after the clock was set to the clock of most sweeps, and say so."""
-    laser = most_used(recording)
+    laser = most_used(recording.lasers.values())
     if laser is None:
         return
     found = _sets_of(laser.stamps_ns, _jumps_of(laser.stamps_ns))
@@ -67,7 +67,7 @@ def interleaved_ns(recording: RawRecording) -> tuple[int, int] | None:
 
     Two periods lie between a sweep and the next but one, there only one; None where that is so nowhere for long.
     """
-    laser = most_used(recording)
+    laser = most_used(recording.lasers.values())
     if laser is None or laser.n_scans < 2 * _LEAST_SCANS:
         return None
     ordered = laser.stamps_ns if ascends(laser.stamps_ns) else np.sort(laser.stamps_ns)
@@ -89,7 +89,7 @@ def undo_set_back(recording: RawRecording) -> bool:
     bool
         Whether there were such, which is said.
     """
-    laser = most_used(recording)
+    laser = most_used(recording.lasers.values())
     if laser is None:
         return False
     steps_ns = np.concatenate([np.zeros(1, dtype=np.int64), *steps_in(laser.logged_ns)])
@@ -106,11 +106,6 @@ def undo_set_back(recording: RawRecording) -> bool:
         source.logged_ns = found.moved(source.logged_ns, cuts)
     _say(recording, laser, found)
     return True
-
-
-def most_used(recording: RawRecording) -> RawLaser | None:
-    """The laser with most sweeps."""
-    return max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name), default=None)
 
 
 def _moving(recording: RawRecording) -> list[RawLaser | StampedRows]:

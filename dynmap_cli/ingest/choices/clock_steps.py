@@ -18,7 +18,7 @@ from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.clock_evidence import Fit, best_fit, fit_of_laser, fit_of_track
 from dynmap_cli.ingest.choices.clock_offsets import Source, delay_of, stamped_sources
 from dynmap_cli.ingest.raw.columns import spans
-from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.laser import RawLaser, most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 
 _LEAST_STEP_S, _MOST_OFF = 0.2, 0.25
@@ -92,7 +92,7 @@ class _Steps:
         if isinstance(self.source, RawLaser):
             tracks = [one for one in steady if not isinstance(one, RawLaser)]
             return fit_of_laser(self.source, part, shift_ns, tracks)
-        laser = max(lasers, key=lambda one: (one.n_scans, one.name), default=None)
+        laser = most_used(lasers)
         return best_fit([] if laser is None else [fit_of_track(self.source, part, shift_ns, laser)])
 
 
@@ -131,8 +131,8 @@ def _steps_of(recording: RawRecording, sources: dict[str, Source], cuts: dict[st
     """Sources that step, with what puts each on one clock."""
     parts = {name: _parts_of(source, cuts[name]) for name, source in sources.items()}
     steady_ns = [found.longest_ns for found in parts.values() if found is not None and found.sizes.size == 1]
-    laser = max(recording.lasers.values(), key=lambda one: (one.n_scans, one.name))
-    own = parts[laser.name]
+    laser = most_used(recording.lasers.values())
+    own = None if laser is None else parts[laser.name]
     clock_ns = own.longest_ns if own is not None else None
     if own is not None and own.sizes.size > 1 and steady_ns:
         clock_ns = own.nearest_ns(int(np.median(steady_ns)))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynmap_cli.ingest.choices.clock_sets import LEAST_BACK_NS, most_used
+from dynmap_cli.ingest.choices.clock_sets import LEAST_BACK_NS
 from dynmap_cli.ingest.choices.two_robots import LEAST_ALTERNATING, alternates
 from dynmap_cli.ingest.raw.columns import steps_in
+from dynmap_cli.ingest.raw.laser import most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 
 _MOST_LOOKED_AT, _MOST_DROPPED, _DOUBTFUL = 256, 0.5, 0.1
@@ -18,7 +19,7 @@ def drop_mixed(recording: RawRecording, first_ns: int, last_ns: int) -> None:
     What lies before and after is whole, and goes on in its odometry. Where that is less than half of the sweeps, all
     stays as it is, to be refused.
     """
-    laser = most_used(recording)
+    laser = most_used(recording.lasers.values())
     # Stamps that go back in this order are those of one source alone, whose clock was set.
     if laser is None or any((steps_ns < LEAST_BACK_NS).any() for steps_ns in steps_in(laser.stamps_ns)):
         return

@@ -105,22 +105,10 @@ def find_candidates(
         Times of the sweeps, ascending.
     settings : IngestSettings
     """
-    if settings.odom == NONE_WORDS:
-        return Candidates([], [])
-    return Candidates(*_candidates(recording, tree, base, lasers, stamps_ns, settings))
-
-
-def _candidates(
-    recording: RawRecording,
-    tree: FrameTree,
-    base: str,
-    lasers: list[RawLaser],
-    stamps_ns: I64,
-    settings: IngestSettings,
-) -> tuple[list[Odometry], list[str]]:
-    """All sources of odometry, the preferred first, and names of what looks like one but is not."""
     found: list[Odometry] = []
     rejected: list[str] = []
+    if settings.odom == NONE_WORDS:
+        return Candidates(found, rejected)
     from_tf = odometry_from_tf(tree, base, stamps_ns, settings, recording.folder)
     if from_tf is not None:
         found.append(from_tf)
@@ -141,7 +129,7 @@ def _candidates(
                 tree, odom, moved, stamps_ns, recording.folder, f"transforms; '{moved}' taken to be '{base}'"
             )
         )
-    return found, rejected
+    return Candidates(found, rejected)
 
 
 def _distance(track: RawOdometry, tree: FrameTree, base: str) -> int:

@@ -10,7 +10,7 @@ if there is one, turns most; the others are spread evenly, as odometry may be wr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -201,8 +201,8 @@ class ReferenceLaser:
     Its own stamps stay as they are, so its turns are found once, when they are first asked for.
     """
 
-    def __init__(self, lasers: Mapping[str, RawLaser]) -> None:
-        self.laser = max(lasers.values(), key=lambda one: (one.n_scans, one.name))
+    def __init__(self, laser: RawLaser) -> None:
+        self.laser = laser
 
     @cached_property
     def turns(self) -> ScanTurns:

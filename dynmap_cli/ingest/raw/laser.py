@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -214,3 +215,8 @@ class RawLaser(Stamped):
         most = np.flatnonzero(counts == counts.max())
         first = 0 if most.size == 1 else int(np.argmax(np.isin(self.shape_index, most)))
         return self.shape_table[int(most[0])] if most.size == 1 else self.shape_of(first)
+
+
+def most_used(lasers: Iterable[RawLaser]) -> RawLaser | None:
+    """The laser with most sweeps; of equal ones the last by name."""
+    return max(lasers, key=lambda one: (one.n_scans, one.name), default=None)
