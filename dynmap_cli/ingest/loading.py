@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.clock_sets import interleaved_ns, undo_set_back
 from dynmap_cli.ingest.choices.mixed import drop_mixed
-from dynmap_cli.ingest.containers.db3_journals import Loss
 from dynmap_cli.ingest.containers.opening import Source
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.settings import IngestSettings
@@ -41,8 +40,9 @@ def load_all(
             refusal = refusal or err
             lost.append(str(err).replace(source.name, printable(file_name(source.name)), 1))
             continue
-        loaded[-1][1].warnings += [f"{printable(file_name(source.name))}: {told}" for told in source.said]
-        loaded[-1][1].damage += [told for told in source.said if isinstance(told, Loss)]
+        recording = loaded[-1][1]
+        recording.warnings += [f"{printable(file_name(source.name))}: {told.words}" for told in source.said]
+        recording.damage += [told.words for told in source.said if told.is_loss]
     if refusal is not None and not loaded:
         raise refusal
     loaded[0][1].warnings += lost

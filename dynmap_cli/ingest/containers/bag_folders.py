@@ -14,6 +14,7 @@ import yaml
 from dynmap_cli.files.damage import DAMAGE, reason
 from dynmap_cli.files.documents import parse_yaml, read_text
 from dynmap_cli.ingest.containers.db3_journals import join_journals, journals_of
+from dynmap_cli.ingest.containers.remarks import Remark
 from dynmap_cli.ingest.containers.streams import copy_limited, packed_head, unpacked_file
 from dynmap_cli.printable import printable
 
@@ -49,13 +50,13 @@ class PlainFolder:
     path : Path
     damage : str
         What is wrong with metadata or files; "" where nothing is.
-    said : tuple of str
-        What was done, or is not read, although nothing is damaged.
+    said : tuple of Remark
+        What was done to read it, or is not read.
     """
 
     path: Path
     damage: str = ""
-    said: tuple[str, ...] = ()
+    said: tuple[Remark, ...] = ()
 
 
 @dataclass(slots=True)
@@ -66,7 +67,7 @@ class _Content:
     stated: list[str] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     whys: list[str] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
+    said: list[Remark] = field(default_factory=list)
 
 
 def plain_folder(path: Path, folder: Path, limit_bytes: int, name: str) -> PlainFolder:
@@ -162,7 +163,7 @@ def _content(path: Path, there: list[str]) -> _Content:
         found.names = sorted([*found.names, *parts], key=_by_number)
     others = [one for one in unlisted if one not in parts]
     if others:
-        found.said.append(f"{_shown(others)} beside it, not listed in its {METADATA}, not read")
+        found.said.append(Remark(f"{_shown(others)} beside it, not listed in its {METADATA}, not read"))
     return found
 
 

@@ -22,6 +22,7 @@ from dynmap_cli.ingest.containers.db3_journal_pages import (
     pages_of_journal,
 )
 from dynmap_cli.ingest.containers.db3_tables import STEPS_AT_ONCE, WorkBound
+from dynmap_cli.ingest.containers.remarks import Remark
 from dynmap_cli.ingest.messages.stored import words_of
 from dynmap_cli.printable import printable
 
@@ -31,12 +32,6 @@ _SPARE_BYTES = 1 << 26
 """Room that is left on the disk."""
 
 
-class Loss(str):
-    """A sentence that says that something of a recording is lost."""
-
-    __slots__ = ()
-
-
 def journals_of(file: Path) -> list[Path]:
     """What lies beside a .db3: a write-ahead log that is not empty, and a rollback journal that is not done with."""
     log, journal = (file.with_name(file.name + suffix) for suffix in (_WAL, _JOURNAL))
@@ -44,11 +39,11 @@ def journals_of(file: Path) -> list[Path]:
     return [*found, journal] if journal.is_file() and not _is_done_with(journal) else found
 
 
-def odd_journals(file: Path) -> list[str]:
+def odd_journals(file: Path) -> list[Remark]:
     """Say what beside a .db3 is named like a journal of it and is no regular file, so that it is not looked into."""
     found = (file.with_name(file.name + suffix) for suffix in (_WAL, _JOURNAL))
     return [
-        f"{printable(one.name)} beside it is no regular file and is not read"
+        Remark(f"{printable(one.name)} beside it is no regular file and is not read")
         for one in found
         if (one.exists() or one.is_symlink()) and not one.is_file()
     ]
@@ -68,7 +63,7 @@ def _is_done_with(journal: Path) -> bool:
         return False
 
 
-def join_journals(file: Path, target: Path, limit_bytes: int) -> tuple[int, list[str]]:
+def join_journals(file: Path, target: Path, limit_bytes: int) -> tuple[int, list[Remark]]:
     """Make *target* a copy of a .db3 into which its journals were played back; a link to it where that fails.
 
     Returns how many bytes were copied, and what is said of it.
@@ -79,7 +74,7 @@ def join_journals(file: Path, target: Path, limit_bytes: int) -> tuple[int, list
     free = shutil.disk_usage(target.parent).free - _SPARE_BYTES
     # What is written back may lie behind the end of the file.
     most_bytes = 2 * n_bytes
-    kind: type[str] = str
+    is_loss = False
     if most_bytes > min(limit_bytes, free):
         why = "a copy of the two would not fit on the disk or into ingest.max_unpacked_gib"
     else:
@@ -90,13 +85,13 @@ def join_journals(file: Path, target: Path, limit_bytes: int) -> tuple[int, list
         except OSError as err:
             why = words_of(err)
         except sqlite3.Error as err:
-            why, kind = words_of(err), Loss
+            why, is_loss = words_of(err), True
         else:
             return n_bytes, said
     for leftover in (target, *_beside(target)):
         leftover.unlink(missing_ok=True)
     target.symlink_to(file.resolve())
-    return 0, [kind(f"{names} beside it, of a recorder that was killed, is not read: {why}")]
+    return 0, [Remark(f"{names} beside it, of a recorder that was killed, is not read: {why}", is_loss)]
 
 
 def _beside(target: Path) -> Iterator[Path]:
@@ -105,7 +100,7 @@ def _beside(target: Path) -> Iterator[Path]:
         yield target.with_name(target.name + suffix)
 
 
-def _played_back(file: Path, target: Path, journals: list[Path]) -> list[str]:
+def _played_back(file: Path, target: Path, journals: list[Path]) -> list[Remark]:
     """Copy a .db3 with its journals, and let SQLite bring them together; what was done, a sentence for each."""
     if any(_names_another_file(one) for one in journals):
         # SQLite deletes the file that such a journal names.
@@ -134,7 +129,7 @@ def _played_back(file: Path, target: Path, journals: list[Path]) -> list[str]:
     return said
 
 
-def _said_of_log(log: Path, copy: Path, n_pages: int, page_bytes: int) -> str:
+def _said_of_log(log: Path, copy: Path, n_pages: int, page_bytes: int) -> Remark:
     """What was done with a write-ahead log, of which SQLite read the first pages of its copy."""
     size = copy.stat().st_size
     n_read = n_pages * (page_bytes + FRAME_BYTES) + LOG_BYTES if n_pages else 0
@@ -144,12 +139,13 @@ def _said_of_log(log: Path, copy: Path, n_pages: int, page_bytes: int) -> str:
     )
     why = fault_of_log(copy, n_pages)
     if why:
-        return Loss(f"{told}; it is damaged or cut off, {why}")
-    is_all = n_read == size
-    return told if is_all else f"{told}, the others were written back before or are of no whole transaction"
+        return Remark(f"{told}; it is damaged or cut off, {why}", is_loss=True)
+    if n_read < size:
+        told += ", the others were written back before or are of no whole transaction"
+    return Remark(told)
 
 
-def _said_of_journal(journal: Path, copy: Path, n_bytes: int) -> str:
+def _said_of_journal(journal: Path, copy: Path, n_bytes: int) -> Remark:
     """What will be done with a rollback journal.
 
     Raises
@@ -168,10 +164,13 @@ def _said_of_journal(journal: Path, copy: Path, n_bytes: int) -> str:
         raise sqlite3.DatabaseError(msg)
     told = f"{printable(journal.name)} ({copy.stat().st_size} bytes) beside it, of a transaction that was broken off,"
     if pages.n_whole < pages.n_stated:
-        return Loss(
-            f"{told} is damaged or cut off: {pages.n_whole} of its {pages.n_stated} pages were played back into a copy"
+        return Remark(
+            f"{told} is damaged or cut off: {pages.n_whole} of its {pages.n_stated} pages were played back into a copy",
+            is_loss=True,
         )
-    return f"{told} was played back into a copy" if pages.n_whole else f"{told} has no page to play back"
+    return Remark(
+        f"{told} was played back into a copy" if pages.n_whole else f"{told} has no page to play back"
+    )
 
 
 def _refuse_size() -> NoReturn:

@@ -20,6 +20,7 @@ from dynmap_cli.ingest.containers.db3_journals import (
     odd_journals,
 )
 from dynmap_cli.ingest.containers.formats import HEAD_BYTES, KNOWN, kind_of, kind_of_head
+from dynmap_cli.ingest.containers.remarks import Remark
 from dynmap_cli.ingest.containers.streams import (
     STREAM_KINDS,
     DamagedStreamError,
@@ -63,7 +64,7 @@ class Source:
         Where the unpacked content is; bags have the suffix of their kind.
     damage : str
         What is wrong with the file that it was unpacked from, or with its metadata; "" where nothing is known to be.
-    said : tuple of str
+    said : tuple of Remark
         What else is to be said of it: what was done to read it, or lies beside it and is not read.
     lost : tuple of str
         Recordings beside it, in one folder, that cannot be read, and why.
@@ -73,7 +74,7 @@ class Source:
     kind: str
     path: Path
     damage: str = ""
-    said: tuple[str, ...] = ()
+    said: tuple[Remark, ...] = ()
     lost: tuple[str, ...] = ()
 
 
