@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F32, F64
-from dynmap_cli.ingest.choices.frames import FrameTree, make_edge, matrices, planar
+from dynmap_cli.ingest.choices.frames import FrameTree, make_edge
 from dynmap_cli.ingest.choices.robot_frames import find_base
+from dynmap_cli.ingest.choices.transforms import matrices, planar
 from dynmap_cli.ingest.containers.salvage import stored_messages
 from dynmap_cli.ingest.containers.type_stores import decode_message
 from dynmap_cli.ingest.messages.kinds import CLOUD_TYPES

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.choices.frames import matrices
+from dynmap_cli.ingest.choices.transforms import matrices
 from dynmap_cli.ingest.clouds import LEAST_M, N_BEAMS, STEP_RAD, points_of, slice_of
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings

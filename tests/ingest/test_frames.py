@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dynmap_cli.ingest.choices.frames import (
-    FrameTree,
-    find_mounting,
+from dynmap_cli.ingest.choices.frames import FrameTree, find_mounting, make_edge
+from dynmap_cli.ingest.choices.transforms import (
     inverse_matrices,
-    make_edge,
     matrices,
     planar,
+    planar_of,
+    put_at,
     slerp,
 )
 from dynmap_cli.ingest.raw.recording import RawTransform
@@ -52,6 +52,17 @@ def test_a_pose_after_its_inverse_is_nothing(pose):
     values = np.array([from_euler(pose)])
     a_from_b = matrices(values[:, :3], values[:, 3:])
     np.testing.assert_allclose(inverse_matrices(a_from_b) @ a_from_b, [np.eye(4)], atol=1e-9)
+
+
+@given(poses3, st.tuples(metres, metres, angles))
+def test_a_transform_that_is_put_elsewhere_keeps_its_height_and_tilt(pose, place):
+    values = np.array([from_euler(pose)])
+    (moved,) = put_at(values, np.array([place]))
+    turn = Rotation.from_euler("z", place[2] - planar_of(values)[0, 2])
+    right = (turn * Rotation.from_quat(values[0, 3:])).as_matrix()
+    np.testing.assert_allclose(Rotation.from_quat(moved[3:]).as_matrix(), right, atol=1e-12)
+    np.testing.assert_allclose(moved[:3], [*place[:2], pose[2]])
+    assert abs(math.remainder(planar_of(moved[None])[0, 2] - place[2], 2 * math.pi)) < 1e-9
 
 
 @given(angles, angles, st.floats(0.0, 1.0))

@@ -12,15 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynmap_cli.ingest.choices.clock_offsets import agreement_moved, off_rad, yaws_at
+from dynmap_cli.ingest.choices.clock_offsets import agreement_moved, off_rad
+from dynmap_cli.ingest.choices.tracks import Track, part_of, yaws_at
 from dynmap_cli.ingest.choices.turns import Headings, ScanTurns, turns_of
 from dynmap_cli.ingest.raw.laser import RawLaser
-from dynmap_cli.ingest.raw.recording import RawOdometry, RawTransform
 
 _CLEARLY = 0.7
 _MOST_TRACKS = 4
-
-Track = RawOdometry | RawTransform
 
 
 class Fit(NamedTuple):
@@ -60,7 +58,7 @@ def fit_of_laser(laser: RawLaser, part: slice, shift_ns: int, tracks: Sequence[T
 
 def fit_of_track(track: Track, part: slice, shift_ns: int, laser: RawLaser) -> Fit:
     """Hold some poses of a track, as stamped and moved, against the turns of a laser that does not step."""
-    poses = _part_of(track, part)
+    poses = part_of(track, part)
     return _fit(poses, _turns(laser, slice(0, laser.n_scans), [poses], shift_ns), shift_ns)
 
 
@@ -79,14 +77,3 @@ def _turns(laser: RawLaser, part: slice, tracks: Sequence[Track], shift_ns: int)
             poses[:, 2] = yaws_at(track, stamps_ns - moved_ns)
             headings.append(poses)
     return turns_of(laser, Headings(stamps_ns, headings), part)
-
-
-def _part_of(track: Track, part: slice) -> Track:
-    """Some rows of a track."""
-    if isinstance(track, RawOdometry):
-        odometry = RawOdometry(track.name, track.frame, track.child)
-        odometry.add_many(track.stamps_ns[part], track.logged_ns[part], track.poses[part])
-        return odometry
-    transform = RawTransform(track.is_static)
-    transform.add_many(track.stamps_ns[part], track.logged_ns[part], track.values[part])
-    return transform

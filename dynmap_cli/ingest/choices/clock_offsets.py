@@ -11,15 +11,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynmap_cli.arrays import F64, I64
-from dynmap_cli.domain.poses import interpolate
-from dynmap_cli.ingest.choices.frames import make_edge, planar
+from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name
+from dynmap_cli.ingest.choices.tracks import Track, moving_tracks, yaws_at
 from dynmap_cli.ingest.choices.turns import Agreement, ReferenceLaser, ScanTurns, agreement
 from dynmap_cli.ingest.raw.laser import RawLaser
-from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, file_name
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 
-Source = RawLaser | RawOdometry | RawTransform
+Source = RawLaser | Track
 _LEAST_APART_S = 1.0
 _MOST_SPREAD_S, _SPREAD_QUANTILES = 1.0, (0.1, 0.9)
 _MOST_DELAYS = 1 << 17
@@ -54,10 +53,7 @@ def align_clocks(recording: RawRecording, reference: ReferenceLaser) -> None:
 def stamped_sources(recording: RawRecording) -> Iterator[tuple[str, Source]]:
     """Yield all that has stamps that matter; poses in a map are stamped ahead by those who find them."""
     yield from recording.lasers.items()
-    yield from recording.odometry.items()
-    for (parent, child), transform in recording.transforms.items():
-        if not transform.is_static and last_name(parent) not in GLOBAL_FRAMES:
-            yield f"{parent} -> {child}", transform
+    yield from moving_tracks(recording, lambda parent: last_name(parent) not in GLOBAL_FRAMES)
 
 
 def _delay_s(stamps_ns: I64, logged_ns: I64) -> float | None:
@@ -80,23 +76,16 @@ def delay_of(stamps_ns: I64, logged_ns: I64) -> tuple[int, float]:
     return int(delays_ns[0]) + int(np.median(delays_ns - delays_ns[0])), float(high - low)
 
 
-def _fits_better_as_stamped(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> bool:
+def _fits_better_as_stamped(source: Track, turns: ScanTurns, shift_ns: int) -> bool:
     """Whether the sweeps turn with a source where its stamps are, and not where the times of recording put it."""
     as_stamped, as_logged = agreement_moved(source, turns, 0), agreement_moved(source, turns, shift_ns)
     return off_rad(as_stamped) < _CLEARLY * off_rad(as_logged)
 
 
-def agreement_moved(source: RawOdometry | RawTransform, turns: ScanTurns, shift_ns: int) -> Agreement:
+def agreement_moved(source: Track, turns: ScanTurns, shift_ns: int) -> Agreement:
     """How the turns of a source agree with those of the sweeps, if its stamps are moved."""
     yaws_rad = tuple(yaws_at(source, stamps_ns - shift_ns) for stamps_ns in (turns.first_ns, turns.second_ns))
     return agreement(turns, (yaws_rad[0], yaws_rad[1]))
-
-
-def yaws_at(source: RawOdometry | RawTransform, at_ns: I64) -> F64:
-    """Headings (n,) at times; NaN where there are none."""
-    if isinstance(source, RawOdometry):
-        return np.asarray(interpolate(*source.as_arrays(), at_ns)[:, 2])
-    return np.asarray(planar(make_edge(source).at(at_ns))[:, 2])
 
 
 def off_rad(found: Agreement) -> float:

@@ -9,14 +9,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from dynmap_cli.arrays import B1, F64, I64
+from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.mapped import give_back
-from dynmap_cli.domain.poses import wrap_angle
+from dynmap_cli.ingest.choices.transforms import (
+    SAME,
+    are_same,
+    inverse_matrices,
+    matrices,
+    planar,
+    slerp,
+    unit,
+)
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.recording import RawTransform, sorted_by_stamp
 
-_SAME = 1e-10
-"""Metres, and parts of a quaternion, by which a transform that is repeated may differ."""
 _STILL_M, _STILL_RAD = 0.02, np.radians(2.0)
 _LEVEL_COS = np.cos(np.radians(10.0))
 _SAMPLES = 64
@@ -65,24 +71,13 @@ def make_edge(raw: RawTransform) -> Edge:
     moved, turned = values[:, :3], values[:, 3:]
     first = unit(turned[:1])[0]
     is_same = all(
-        (np.abs(moved[rows] - moved[0]) < _SAME).all() and _are_same(unit(turned[rows]), first)
+        (np.abs(moved[rows] - moved[0]) < SAME).all() and are_same(unit(turned[rows]), first)
         for rows in spans(values.shape[0], values)
     )
     raw.give_back()
     if raw.is_static or is_same:
         return Edge(np.zeros(0, dtype=np.int64), moved[-1:].copy(), unit(turned[-1:]))
     return Edge(stamps_ns, moved, turned)
-
-
-def _are_same(quaternions: F64, other: F64) -> bool:
-    """Whether quaternions (n, 4) all stand for one rotation; q and -q do."""
-    off = np.minimum(np.abs(quaternions - other).max(axis=1), np.abs(quaternions + other).max(axis=1))
-    return bool((off < _SAME).all())
-
-
-def unit(quaternions: F64) -> F64:
-    """Quaternions (n, 4) of unit length."""
-    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,50 +197,3 @@ def find_mounting(tree: FrameTree, base: str, sensor: str, stamps_ns: I64) -> Mo
         is_level=bool(abs(middle[2, 2]) > _LEVEL_COS),
         moves=bool(shift_m.max() > _STILL_M or turn_rad.max() > _STILL_RAD),
     )
-
-
-def planar(poses: F64) -> F64:
-    """(n, 4, 4) -> x, y and heading of the x axis (n, 3)."""
-    yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-    return np.column_stack([poses[:, 0, 3], poses[:, 1, 3], wrap_angle(yaw)])
-
-
-def matrices(translations_m: F64, quaternions: F64) -> F64:
-    """Homogeneous matrices (n, 4, 4) from translations (n, 3) and unit quaternions (n, 4) x, y, z, w."""
-    x, y, z, w = quaternions.T
-    result = np.zeros((quaternions.shape[0], 4, 4))
-    result[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    result[:, 0, 1] = 2.0 * (x * y - z * w)
-    result[:, 0, 2] = 2.0 * (x * z + y * w)
-    result[:, 1, 0] = 2.0 * (x * y + z * w)
-    result[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    result[:, 1, 2] = 2.0 * (y * z - x * w)
-    result[:, 2, 0] = 2.0 * (x * z - y * w)
-    result[:, 2, 1] = 2.0 * (y * z + x * w)
-    result[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    result[:, :3, 3] = translations_m
-    result[:, 3, 3] = 1.0
-    return result
-
-
-def inverse_matrices(poses: F64) -> F64:
-    """Turn a_from_b into b_from_a, (n, 4, 4)."""
-    result = np.zeros_like(poses)
-    rotation = np.swapaxes(poses[:, :3, :3], 1, 2)
-    result[:, :3, :3] = rotation
-    result[:, :3, 3] = -(rotation @ poses[:, :3, 3:])[:, :, 0]
-    result[:, 3, 3] = 1.0
-    return result
-
-
-def slerp(start: F64, end: F64, share: F64) -> F64:
-    """Quaternions (n, 4) at *share* (n, 1) of the shorter arc from start to end."""
-    dot = np.sum(start * end, axis=1, keepdims=True)
-    end = np.where(dot < 0.0, -end, end)
-    angle = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
-    is_short: B1 = angle < 1e-4
-    sine = np.where(is_short, 1.0, np.sin(angle))
-    a = np.where(is_short, 1.0 - share, np.sin((1.0 - share) * angle) / sine)
-    b = np.where(is_short, share, np.sin(share * angle) / sine)
-    mixed = a * start + b * end
-    return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))

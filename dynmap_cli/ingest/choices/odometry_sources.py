@@ -12,8 +12,9 @@ import numpy as np
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import compose, interpolate
 from dynmap_cli.files.tables import new_table
-from dynmap_cli.ingest.choices.frames import FrameTree, planar
+from dynmap_cli.ingest.choices.frames import FrameTree
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name, moved_by_odometry, odom_frame_of
+from dynmap_cli.ingest.choices.transforms import planar
 from dynmap_cli.ingest.choices.turns import Headings
 from dynmap_cli.ingest.raw.columns import known_rows, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser

@@ -11,15 +11,9 @@ import numpy as np
 from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.ingest.choices.robot_frames import last_name
-from dynmap_cli.ingest.choices.two_robots import poses_of
+from dynmap_cli.ingest.choices.tracks import Track, moving_tracks, places_of, poses_of, put_poses
 from dynmap_cli.ingest.raw.columns import spans
-from dynmap_cli.ingest.raw.recording import (
-    RawOdometry,
-    RawRecording,
-    RawTransform,
-    file_name,
-    sorted_by_stamp,
-)
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name, sorted_by_stamp
 
 _ORIGIN, _EXACTLY, _LEFT_ORIGIN_M, _TURNED_RAD = 0.01, 1e-6, 0.3, 0.3
 _LOOKED_AT, _TIMES_AS_FAST, _LEAST_STEP_S = 5, 3.0, 1e-3
@@ -33,17 +27,10 @@ def join_restarts(recording: RawRecording) -> None:
 
     Before the first sweep and after the last one no pose is used, so nothing is done.
     """
-    sources: list[tuple[str, RawOdometry | RawTransform]] = [*recording.odometry.items()]
-    sources += [
-        (f"{parent} -> {child}", found)
-        for (parent, child), found in recording.transforms.items()
-        if not found.is_static and "odom" in last_name(parent)
-    ]
     told = []
     first_ns, last_ns = recording.span_ns if recording.lasers else (-_LATEST, _LATEST)
-    for name, source in sources:
-        places = (source.poses if isinstance(source, RawOdometry) else source.values)[:, :2]
-        returns, leaves = _at_origin(sorted_by_stamp(source.stamps_ns, places)[1])
+    for name, source in moving_tracks(recording, lambda parent: "odom" in last_name(parent)):
+        returns, leaves = _at_origin(sorted_by_stamp(source.stamps_ns, places_of(source))[1])
         if returns.size:
             stamps_ns, poses = sorted_by_stamp(source.stamps_ns, poses_of(source))
             looks = _jumps_to_origin(poses, returns)
@@ -168,7 +155,7 @@ def _apart(first: F64, second: F64) -> F64:
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]) + np.abs(wrap_angle(apart[..., 2])))
 
 
-def _join(source: RawOdometry | RawTransform, stamps_ns: I64, poses: F64, rows: list[int]) -> None:
+def _join(source: Track, stamps_ns: I64, poses: F64, rows: list[int]) -> None:
     """Put the poses from each of the rows on behind the one before it, moved on as before where nothing is missing.
 
     *stamps_ns* (n,) ascend and *poses* (n, 3) are theirs; *rows* are numbers of them.
@@ -186,18 +173,7 @@ def _join(source: RawOdometry | RawTransform, stamps_ns: I64, poses: F64, rows: 
     raw = poses_of(source)
     joined = raw.copy()
     joined[is_moved] = compose(starts[part[is_moved]], raw[is_moved])
-    if isinstance(source, RawOdometry):
-        source.poses = joined
-        return
-    values = source.values.copy()
-    half_rad = (joined[:, 2] - raw[:, 2]) / 2.0
-    x, y, z, w = values[:, 3:].T
-    turn_z, turn_w = np.sin(half_rad), np.cos(half_rad)
-    values[:, :2] = joined[:, :2]
-    values[:, 3:] = np.column_stack(
-        [turn_w * x - turn_z * y, turn_w * y + turn_z * x, turn_w * z + turn_z * w, turn_w * w - turn_z * z]
-    )
-    source.values = values
+    put_poses(source, joined)
 
 
 def _when(recording: RawRecording, stamp_ns: int) -> str:

@@ -8,11 +8,11 @@ from dynmap_cli.arrays import B1, F32, F64, I32, I64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import interpolate
 from dynmap_cli.errors import LogError
-from dynmap_cli.ingest.choices.frames import matrices, planar, unit
 from dynmap_cli.ingest.choices.merging import Columns
+from dynmap_cli.ingest.choices.tracks import moving_tracks, places_of, poses_of
 from dynmap_cli.ingest.choices.turns import ReferenceLaser, ScanTurns, agreement
 from dynmap_cli.ingest.raw.columns import spans
-from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording, RawTransform, sorted_by_stamp
+from dynmap_cli.ingest.raw.recording import RawRecording, sorted_by_stamp
 
 _JUMP_M, _BACK_SHARE = 1.0, 0.3
 _LOOK_AHEAD = 4
@@ -25,14 +25,8 @@ _MOST_LOOKED_AT, _LOOKED_AT_ONCE, _BEAMS_LOOKED_AT = 256, 16, 90
 
 def part_tracks(recording: RawRecording, reference: ReferenceLaser | None) -> None:
     """Keep one of the two tracks between which poses jump: that which turns as the sweeps do, if that can be told."""
-    sources: list[tuple[str, RawOdometry | RawTransform]] = [*recording.odometry.items()]
-    sources += [
-        (f"{parent} -> {child}", found)
-        for (parent, child), found in recording.transforms.items()
-        if not found.is_static
-    ]
-    for name, source in sources:
-        apart_m = _apart_m((source.poses if isinstance(source, RawOdometry) else source.values)[:, :2])
+    for name, source in moving_tracks(recording):
+        apart_m = _apart_m(places_of(source))
         source.give_back()
         if apart_m is None or reference is None:
             continue
@@ -54,13 +48,6 @@ def part_tracks(recording: RawRecording, reference: ReferenceLaser | None) -> No
         source.keep(kept)
     recording.odometry = {name: one for name, one in recording.odometry.items() if one.stamps_ns.size}
     recording.transforms = {pair: one for pair, one in recording.transforms.items() if one.stamps_ns.size}
-
-
-def poses_of(source: RawOdometry | RawTransform) -> F64:
-    """Poses (n, 3) in the order of recording."""
-    if isinstance(source, RawOdometry):
-        return source.poses
-    return planar(matrices(source.values[:, :3], unit(source.values[:, 3:])))
 
 
 def _apart_m(places: F64) -> float | None:
