@@ -64,6 +64,20 @@ class DynmapGroup(click.Group):
         command: click.Command = module.command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the verb; of a word that is none, name the one that is nearest."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as err:
+            import difflib
+
+            near = difflib.get_close_matches(args[0], VERBS, n=1)
+            if near:
+                err.message += f" Did you mean '{near[0]}'?"
+            raise
+
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Let no name of a file break an output that cannot show it."""
         for stream in (sys.stdout, sys.stderr):
