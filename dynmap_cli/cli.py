@@ -74,9 +74,10 @@ class DynmapGroup(click.Group):
             import difflib
 
             near = difflib.get_close_matches(args[0], VERBS, n=1)
-            if near:
-                err.message += f" Did you mean '{near[0]}'?"
-            raise
+            if not near:
+                raise
+            msg = f"{err.message} Did you mean '{near[0]}'?"
+            raise click.UsageError(msg, ctx) from err
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Let no name of a file break an output that cannot show it."""
