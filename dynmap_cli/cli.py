@@ -64,6 +64,21 @@ class DynmapGroup(click.Group):
         command: click.Command = module.command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the verb; of a word that is none, name the one that is nearest."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as err:
+            import difflib
+
+            near = difflib.get_close_matches(args[0], VERBS, n=1)
+            if not near:
+                raise
+            msg = f"{err.message} Did you mean '{near[0]}'?"
+            raise click.UsageError(msg, ctx) from err
+
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Let no name of a file break an output that cannot show it."""
         for stream in (sys.stdout, sys.stderr):

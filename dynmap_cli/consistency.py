@@ -17,16 +17,35 @@ from dynmap_cli.report.stage import STAGE as REPORT
 from dynmap_cli.reruns import check_same_recordings
 from dynmap_cli.stage import Stage
 
+_MOST_NAMED = 3
+"""So many runs are named where one of them may have been meant."""
+
 
 @contextmanager
 def finished_run(run_dir: Path, stages: Sequence[Stage], remedy: str = "") -> Iterator[None]:
     """Hold a run for reading; these stages are done, from one another's files, which are as they were written."""
+    remedy = remedy or f"Run `dynmap build LOG -o {run_dir}` first."
     if not run_dir.is_dir():
-        msg = f"{run_dir}: no such run directory. {remedy or f'Run `dynmap build LOG -o {run_dir}` first.'}"
+        msg = f"{run_dir}: no such run directory. {remedy}"
+        raise ArtifactError(msg)
+    if not _is_run(run_dir) and (near := _runs_near(run_dir)):
+        msg = f"{run_dir}: no run directory. Did you mean {' or '.join(map(str, near))}?"
         raise ArtifactError(msg)
     with reading(run_dir):
         check_finished(run_dir, stages)
         yield
+
+
+def _is_run(folder: Path) -> bool:
+    """Whether a stage of a run was done here; the folder of a localization has scans, too."""
+    return (folder / "run.yaml").is_file()
+
+
+def _runs_near(folder: Path) -> list[Path]:
+    """Runs that may have been meant: the one that holds a folder, or those in it; none if there are many."""
+    above = [one for one in list(folder.parents)[:2] if _is_run(one)]
+    inside = sorted(path.parent for path in folder.glob("*/run.yaml"))
+    return above[:1] or (inside if len(inside) <= _MOST_NAMED else [])
 
 
 def check_finished(run_dir: Path, stages: Sequence[Stage]) -> None:

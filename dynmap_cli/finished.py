@@ -12,13 +12,13 @@ from typing import Any
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.comparison import stage as comparison
 from dynmap_cli.config import Config
-from dynmap_cli.consistency import check_chain, finished_run, refuse_other_recordings
+from dynmap_cli.consistency import finished_run, refuse_other_recordings
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import manifest_path
 from dynmap_cli.files.patch_archive import read_names, read_patches
-from dynmap_cli.files.pgm import read_map
+from dynmap_cli.files.pgm import image_of, read_map
 from dynmap_cli.floor_plan import STAGES
 from dynmap_cli.given import check_recordings
 from dynmap_cli.history import stage as history
@@ -55,8 +55,10 @@ def localize(
     )
     with ExitStack() as locks:
         if run_dir is not None:
-            locks.enter_context(finished_run(run_dir, ()))
-            check_chain(run_dir, LOCALIZE)
+            # A run whose scans were taken away to save space can still be localized in.
+            locks.enter_context(finished_run(run_dir, (MAP, CLUSTER)))
+        if map_yaml is not None:
+            image_of(map_yaml)  # refuses what is no map before a long recording is read
         locks.enter_context(writing(out_dir, is_output=True))
         if not force:
             refuse_other_recordings(out_dir, recordings)

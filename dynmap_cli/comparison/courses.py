@@ -13,7 +13,7 @@ from dynmap_cli.domain.poses import Trajectory, interpolate
 from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.localization.beliefs.parts import believed_parts
 from dynmap_cli.localization.beliefs.state_tables import PatchBelief, patch_beliefs
-from dynmap_cli.localization.found import Localization
+from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.tracking import localize_log
@@ -39,6 +39,7 @@ class Course:
         Per beam, at the pose.
     is_lost : (n,) bool
     states : sequence of PatchBelief
+    health : sequence of HealthRow
     """
 
     compared: ComparedMap
@@ -50,6 +51,7 @@ class Course:
     log_likelihood: F64
     is_lost: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
     states: Sequence[PatchBelief]
+    health: Sequence[HealthRow]
 
     def away_from_m(self, other: Course) -> F64:
         """(n,) distance of each pose from where the other map puts the robot then; NaN before and after it."""
@@ -97,6 +99,7 @@ def course_in(
         log_likelihood=np.array([row.log_likelihood_per_beam for row in found.health]),
         is_lost=np.array([row.verdict == "lost" for row in found.health], dtype=np.bool_),
         states=patch_beliefs(found.states, pool, parts, compared.patch_sets),
+        health=found.health,
     )
 
 

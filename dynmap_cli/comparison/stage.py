@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import F64
+from dynmap_cli.comparison.conclusion import conclusion
 from dynmap_cli.comparison.courses import Course, course_in, true_positions_m
 from dynmap_cli.comparison.maps import ComparedMap, compared_maps
 from dynmap_cli.config import Config
@@ -130,6 +131,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
         "lines": [
             f"start {start[0]:.2f}, {start[1]:.2f} m, {np.degrees(start[2]):.0f} degrees, {by}",
             *(_sentence(course, courses[0]) for course in courses),
+            conclusion(courses, called, first_ns),
             *([] if courses[0].states else ["no sub-map came into view, so there is no states.png"]),
             *_left_out(left_out, log.n_drives),
         ],

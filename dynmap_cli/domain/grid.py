@@ -48,6 +48,14 @@ class GridFrame:
         """(3,) x and y of the lower left corner and the edge of a cell, as kernels take it."""
         return np.array([self.origin_x_m, self.origin_y_m, self.resolution_m])
 
+    @property
+    def center_m(self) -> tuple[float, float]:
+        """Middle in the map frame: x, y; to the micrometre, so that a file changes no digit of it."""
+        return (
+            round(self.origin_x_m + 0.5 * self.cols * self.resolution_m, 6),
+            round(self.origin_y_m + 0.5 * self.rows * self.resolution_m, 6),
+        )
+
     def to_cells(self, points_m: F64) -> I64:
         """(..., 2) points in the map frame -> (..., 2) row, col; may lie outside the grid."""
         cells = np.empty(points_m.shape)

@@ -89,12 +89,8 @@ class SubMap:
 
     @property
     def center_m(self) -> tuple[float, float]:
-        """Middle of the rectangle in the map frame: x, y; to the micrometre, so that a file changes no digit of it."""
-        frame = self.frame
-        return (
-            round(frame.origin_x_m + 0.5 * frame.cols * frame.resolution_m, 6),
-            round(frame.origin_y_m + 0.5 * frame.rows * frame.resolution_m, 6),
-        )
+        """Middle of the rectangle in the map frame: x, y."""
+        return self.frame.center_m
 
     @property
     def place(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.afterwards.smoothing import smooth
 from dynmap_cli.localization.beliefs.parts import Part, believed_parts
 from dynmap_cli.localization.beliefs.state_tables import object_beliefs, patch_beliefs
-from dynmap_cli.localization.found import HealthRow, Localization
+from dynmap_cli.localization.found import HealthRow
 from dynmap_cli.localization.odometry import with_sound_odometry
 from dynmap_cli.localization.outputs import (
     write_health,
@@ -33,14 +33,12 @@ from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.starting.global_start import LEAST_RETURNS
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
+from dynmap_cli.localization.watching.doubts import doubts
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
-_MUCH_LOST = 0.2
 _LONG_GAP_S = 5.0
 """A robot that stands weighs a scan every second."""
-_MUCH_CHANGED = 1.0 / 3.0
-"""Of the updates: more than in offices whose doors all stand open and that lost several walls, up to a quarter."""
 START_MARGIN_M = 5.0
 """A robot may start where its map has no cells, but not far from them."""
 
@@ -82,38 +80,11 @@ def run(context: StageContext) -> dict[str, Any]:
     if context.map_yaml is None:
         summary[KEY] = areas_digest(context.run_dir / "patches" / "patches.zip")
     warnings += [*wheel_words, *found.warnings, *_warn_of_gaps(log, found.health, settings)]
-    warnings += _warn_of_losses(summary, found)
+    warnings += doubts(
+        found.health, found.alike, lost_share=summary["lost"], is_elsewhere=summary["another_place"]
+    )
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary
-
-
-def _warn_of_losses(summary: Mapping[str, Any], found: Localization) -> list[str]:
-    """A robot that is lost for much of a recording is probably somewhere else, or where places look alike."""
-    lost_share = summary["lost"]
-    if summary["another_place"]:
-        return [
-            "this is not the place of the map: many of the scans contradict it wherever the robot is put; "
-            "do not trust states and poses"
-        ]
-    if lost_share <= _MUCH_LOST:
-        return [*found.alike, *_warn_of_changes(found.health)]
-    return found.alike or [
-        f"lost for {100 * lost_share:.0f} % of the recording: it probably shows another place than the map, or one "
-        "that changed a lot; do not trust states and poses"
-    ]
-
-
-def _warn_of_changes(rows: Sequence[HealthRow]) -> list[str]:
-    """Where hardly a scan shows what the map shows, it may be another place that looks alike."""
-    share = sum(row.verdict == "changed" for row in rows) / max(len(rows), 1)
-    if share <= _MUCH_CHANGED:
-        return []
-    fitting = np.mean([row.health.explained + row.health.explained_by_other_state for row in rows])
-    return [
-        f"the surroundings differ from the map in {100 * share:.0f} % of the recording, though {100 * fitting:.0f} % "
-        "of the beams fit it: something has changed, or the map is a coarse one, or it was made in another place that "
-        "looks alike; look at localization.png before using poses and states"
-    ]
 
 
 def _warn_of_gaps(log: ScanLog, rows: Sequence[HealthRow], settings: LocalizationSettings) -> list[str]:

@@ -85,19 +85,25 @@ def _called(submap_id: int, names: Mapping[int, str]) -> str:
     return f"{submap_id} ({name})" if name else str(submap_id)
 
 
-def _history(rows: Sequence[PatchBelief], first_ns: int) -> str:
-    """States of one sub-map in the order in which they were believed, with the times of the changes."""
-    words: list[str] = []
+def sure_states(rows: Sequence[PatchBelief]) -> list[tuple[int, str]]:
+    """States of one sub-map in the order in which they were believed: since which stamp, and what each is called."""
+    found: list[tuple[int, str]] = []
     current = None
     for row in rows:
         state = int(np.argmax(row.belief))
         if state == current or row.belief[state] < SURE:
             continue
-        if current is None:
-            words.append(f"state {_state(row, state)}")
-        else:
-            words.append(f"-> {_state(row, state)}, seen from t = {(row.stamp_ns - first_ns) * 1e-9:.1f} s")
+        found.append((row.stamp_ns, _state(row, state)))
         current = state
+    return found
+
+
+def _history(rows: Sequence[PatchBelief], first_ns: int) -> str:
+    """States of one sub-map in the order in which they were believed, with the times of the changes."""
+    words: list[str] = []
+    for stamp_ns, called in sure_states(rows):
+        seen = f"-> {called}, seen from t = {(stamp_ns - first_ns) * 1e-9:.1f} s"
+        words.append(seen if words else f"state {called}")
     last = rows[-1]
     likeliest = int(np.argmax(last.belief))
     probability = f"({last.belief[likeliest]:.2f})"

@@ -353,6 +353,33 @@ def test_a_run_and_a_map_at_once(small, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.parametrize("verb", ["localize", "compare", "timeline"])
+def test_a_folder_in_or_above_a_run_in_its_place(refused, small, verb):
+    recordings = () if verb == "timeline" else (small.recording,)
+    for wrong in (small.run_dir / "map", small.run_dir.parent):
+        line = refused(FILES, verb, wrong, *recordings, "-q")
+        assert line == f"dynmap: {wrong}: no run directory. Did you mean {small.run_dir}?"
+
+
+@pytest.mark.parametrize("map_path", ["", "map/map.pgm"])
+def test_what_is_no_map_is_refused_before_a_recording_is_read(refused, small, tmp_path, map_path):
+    words = ("--map", small.run_dir / map_path, small.recording, "-o", tmp_path / "out", "-q")
+    assert "not a readable map YAML" in refused(FILES, "localize", *words)
+    assert not (tmp_path / "out" / "scans").exists()
+
+
+def test_a_run_without_a_map_is_refused_before_a_recording_is_read(refused, small, tmp_path):
+    shutil.rmtree(small.run_dir / "map")
+    line = refused(FILES, "localize", small.run_dir, small.recording, "-o", tmp_path / "out", "-q")
+    assert "stage 'map' is not done here" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_verb_that_is_spelt_wrongly():
+    assert "No such command 'localise'. Did you mean 'localize'?" in run_dynmap("localise", "run").stderr
+    assert run_dynmap("xyz").stderr.endswith("No such command 'xyz'.\n")
+
+
 @pytest.mark.parametrize("closed", ["| head -c 0", ">&-"])
 def test_an_output_that_nobody_reads(closed):
     call = f"sleep 1 | {sys.executable} -m dynmap_cli config show {closed}; exit ${{PIPESTATUS[1]}}"

@@ -5,17 +5,15 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization import tracking
-from dynmap_cli.localization.found import Localization
 from dynmap_cli.localization.particles.particle_filter import make_particles
 from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.settings import LocalizationSettings
-from dynmap_cli.localization.stage import _warn_of_losses
 from dynmap_cli.localization.starting.global_start import possible_starts
 from dynmap_cli.localization.starting.modes import Mode
 from dynmap_cli.localization.starting.undecided import undecided_words
 from dynmap_cli.localization.tracking import localize_log
+from dynmap_cli.localization.watching.doubts import doubts
 from tests.localization.worlds import corridor, patch_sets_of, simulated
 
 SETTINGS = LocalizationSettings()
@@ -54,10 +52,8 @@ def test_the_likeliest_places_are_named_first_and_the_others_counted():
 
 @pytest.mark.parametrize(("lost", "is_another"), [(0.1, False), (0.5, False), (0.5, True)])
 def test_a_robot_that_is_lost_between_places_that_look_alike_is_told_why(lost, is_another):
-    nothing = Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)))
     alike = ["a.bag: the map looks alike from several places"]
-    found = Localization(nothing, [], [], [], [], [], [], alike=alike)
-    sentences = _warn_of_losses({"lost": lost, "another_place": is_another}, found)
+    sentences = doubts([], alike, lost_share=lost, is_elsewhere=is_another)
     assert len(sentences) == 1
     assert (sentences == alike) is not is_another
 
