@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, wrap_angle
-from dynmap_cli.ingest.choices.range_flow import range_flow
+from dynmap_cli.ingest.seen_motion.range_flow import range_flow
 from tests.ingest.corridors import Corridor, mended
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read

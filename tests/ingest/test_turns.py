@@ -4,18 +4,12 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.ingest.choices.laid_sweeps import _left_m
 from dynmap_cli.ingest.choices.odometry import _turns_otherwise
-from dynmap_cli.ingest.choices.turns import (
-    Headings,
-    ScanTurns,
-    _best_shifts,
-    agreement,
-    agreement_at,
-    chance_of,
-    turns_of,
-)
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
+from dynmap_cli.ingest.seen_motion.agreement import agreement, agreement_at, chance_of
+from dynmap_cli.ingest.seen_motion.laid_sweeps import _left_m
+from dynmap_cli.ingest.seen_motion.pairs import SweepPairs
+from dynmap_cli.ingest.seen_motion.turns import Headings, ScanTurns, _best_shifts, turns_of
 from tests.ingest.rooms import Room
 
 CAP_M, OVERLAP = 0.5, 0.3
@@ -193,13 +187,12 @@ def test_what_a_motion_leaves_is_what_the_plain_search_finds(step_rad):
     before[rng.random(before.shape) < 0.1] = np.nan
     after[rng.random(after.shape) < 0.1] = np.nan
     after[3] = np.nan
-    stamps_ns = np.arange(6)
-    turns = ScanTurns(stamps_ns, stamps_ns, np.zeros(6), before, after, bearings)
+    pairs = SweepPairs(before, after, bearings)
     motions = np.column_stack([rng.normal(0.0, 0.3, (6, 2)), rng.uniform(-3.0, 3.0, 6)])
     plain = [
         plain_left_m(*pair, bearings, motion) for *pair, motion in zip(before, after, motions, strict=True)
     ]
-    np.testing.assert_allclose(_left_m(turns, np.arange(6), motions), plain, atol=1e-6)
+    np.testing.assert_allclose(_left_m(pairs, np.arange(6), motions), plain, atol=1e-6)
 
 
 def test_the_chance_of_a_sign_test_is_that_of_coins():
@@ -212,7 +205,8 @@ def test_pairs_that_overlap_count_once():
     """Twenty pairs within a second say no more than two."""
     first_ns = np.arange(20) * 50_000_000
     values = np.ones((20, 3), dtype=np.float32)
-    turns = ScanTurns(first_ns, first_ns + 500_000_000, np.full(20, 0.3), values, values, np.arange(3) * 0.1)
+    pairs = SweepPairs(values, values, np.arange(3) * 0.1)
+    turns = ScanTurns(first_ns, first_ns + 500_000_000, np.full(20, 0.3), pairs)
     found = agreement(turns, (np.zeros(20), np.full(20, -0.3)))
     assert found.n_pairs == 2
     assert found.opposite == 1.0
