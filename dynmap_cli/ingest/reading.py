@@ -33,7 +33,6 @@ from dynmap_cli.ingest.choices.doubts import (
 )
 from dynmap_cli.ingest.choices.frames import FrameTree, Mounting, make_edge
 from dynmap_cli.ingest.choices.free_space import Sweeps
-from dynmap_cli.ingest.choices.headings import mend_heading
 from dynmap_cli.ingest.choices.lasers import LaserChoice, choose_lasers, view_lasers
 from dynmap_cli.ingest.choices.merging import (
     Columns,
@@ -46,13 +45,13 @@ from dynmap_cli.ingest.choices.merging import (
 )
 from dynmap_cli.ingest.choices.mountings import mounting_of, robot_turns, turned_over
 from dynmap_cli.ingest.choices.odometry import ends_without_odometry, find_odometry
+from dynmap_cli.ingest.choices.odometry_axes import mend_heading
 from dynmap_cli.ingest.choices.odometry_sources import Odometry, find_candidates
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.renamed import join_renamed
 from dynmap_cli.ingest.choices.restarts import join_restarts
 from dynmap_cli.ingest.choices.robot_frames import find_base
-from dynmap_cli.ingest.choices.turns import ReferenceLaser, agreement_at
 from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
 from dynmap_cli.ingest.choices.units import mend_units
 from dynmap_cli.ingest.containers.opening import find_sources
@@ -62,6 +61,8 @@ from dynmap_cli.ingest.raw.laser import most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 from dynmap_cli.ingest.refusals import damage_refused, losses_of, require_lasers
 from dynmap_cli.ingest.report import IngestReport, join_reports
+from dynmap_cli.ingest.seen_motion.agreement import agreement_at
+from dynmap_cli.ingest.seen_motion.turns import ReferenceLaser
 from dynmap_cli.ingest.settings import IngestSettings
 from dynmap_cli.ingest.space import Space
 

@@ -68,7 +68,8 @@ def test_arrows_between_the_rooms_of_ingest():
         "messages": {"raw"},
         "text": {"raw", "messages"},
         "containers": {"raw", "messages", "text"},
-        "choices": {"raw"},
+        "seen_motion": {"raw"},
+        "choices": {"raw", "seen_motion"},
     }
     wrong = []
     for file, _, module in imports():

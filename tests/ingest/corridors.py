@@ -8,12 +8,12 @@ import numpy as np
 
 from dynmap_cli.domain.poses import compose
 from dynmap_cli.ingest.choices.frames import Mounting
-from dynmap_cli.ingest.choices.headings import mend_heading
 from dynmap_cli.ingest.choices.merging import Columns
+from dynmap_cli.ingest.choices.odometry_axes import mend_heading
 from dynmap_cli.ingest.choices.odometry_sources import Odometry
-from dynmap_cli.ingest.choices.turns import Headings, turns_of
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
 from dynmap_cli.ingest.raw.recording import RawRecording
+from dynmap_cli.ingest.seen_motion.turns import Headings, turns_of
 from tests.ingest.rooms import seen_from
 
 _RADIUS_M, _MOUNTING = 0.22, np.array([0.1, 0.0, 0.0])

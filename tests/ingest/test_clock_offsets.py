@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.ingest.choices.turns import agreement, turns_of
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
+from dynmap_cli.ingest.seen_motion.agreement import agreement
+from dynmap_cli.ingest.seen_motion.turns import turns_of
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
 from tests.ingest.written import ODOMETRY, TF, odometry, stamp, transform

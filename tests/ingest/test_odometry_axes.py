@@ -1,16 +1,18 @@
 """Odometry whose positions and headings do not go together, and the motion that sweeps show."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, wrap_angle
-from dynmap_cli.ingest.choices.range_flow import range_flow
+from dynmap_cli.ingest.seen_motion.range_flow import range_flow
 from tests.ingest.corridors import Corridor, mended
-from tests.ingest.rooms import Room
+from tests.ingest.rooms import Room, seen_from
 from tests.ingest.test_choices import read
 from tests.ingest.test_clock_offsets import with_poses
+from tests.reference import seen_motion
 
 QUARTER = math.pi / 2
 
@@ -100,6 +102,28 @@ def test_the_flow_of_ranges_is_the_motion_of_the_laser(missing):
     assert np.median(np.abs(wrap_angle(turned_rad - right[:, 2]))[is_slow]) < 0.01
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 0.01, 0.05])
+def test_the_flow_of_ranges_and_what_stands_out_are_those_of_the_plain_search(noise_m):
+    """Along a corridor with a few people the noise of the walls is most of what there is."""
+    drive = Corridor(people_per_m=0.1, noise_m=0.0)
+    rng, bearings_rad = np.random.default_rng(3), np.linspace(-3.1, 3.1, 361)
+    corridor = np.where(np.isfinite(drive.sweeps()), drive.sweeps(), np.nan)[::20, :].astype(np.float64)
+    steps = np.arange(9.0)[:, None]
+    room = seen_from(steps * (0.05, 0.01), 0.02 * steps + bearings_rad)
+    ranges_m = np.concatenate([corridor, room.astype(np.float64)])
+    ranges_m += rng.normal(0.0, noise_m, ranges_m.shape)
+    moved, turned_rad, is_known = range_flow(ranges_m[:-1], ranges_m[1:], bearings_rad)
+    plain = [
+        seen_motion.range_flow(before, after, bearings_rad, reach=1)
+        for before, after in itertools.pairwise(ranges_m)
+    ]
+    assert is_known.tolist() == [one for _, one in plain]
+    found = np.column_stack([moved.real, moved.imag, turned_rad])
+    np.testing.assert_allclose(found[is_known], [motion for motion, one in plain if one], atol=1e-6)
+    assert is_known[-8:].sum() >= 6
+    assert is_known[:15].any() == (noise_m == 0.0)
+
+
 def test_a_corridor_does_not_say_how_far_the_laser_moved_along_it():
     bearings_rad = np.linspace(-3.0, 3.0, 181)
     with np.errstate(divide="ignore"):
@@ -107,6 +131,25 @@ def test_a_corridor_does_not_say_how_far_the_laser_moved_along_it():
     ranges_m[ranges_m > 12.0] = np.nan
     _, _, is_known = range_flow(ranges_m[None], ranges_m[None], bearings_rad)
     assert not is_known.any()
+
+
+def test_positions_that_nothing_simple_mends_are_said_and_left(tmp_path):
+    """Its frame turns all the while, as where headings are mended by a compass and positions are not."""
+
+    class Twisted(Slow):
+        @staticmethod
+        def twisted(poses):
+            steps = np.diff(poses[:, :2], axis=0, prepend=0.0) @ np.array([1.0, 1j])
+            way = np.cumsum(steps * np.exp(1j * np.linspace(0.5, 6.0, len(poses))))
+            return np.column_stack([way.real, way.imag, poses[:, 2]])
+
+    world = Twisted(n_scans=200)
+    wrong = Twisted.twisted(world.poses)
+    told = iter(wrong.tolist())
+    log, report = read(tmp_path, with_poses(world, lambda *_: next(told)))
+    (line,) = axis_warnings(report)
+    assert "nothing simple mends that; if the map comes out bent, pass --odom none" in line
+    np.testing.assert_allclose(log.odometry, wrong, atol=1e-6)
 
 
 HEADINGS = {"reversing": math.pi, "crabbing": QUARTER}

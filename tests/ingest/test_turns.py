@@ -4,35 +4,14 @@ import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import wrap_angle
-from dynmap_cli.ingest.choices.laid_sweeps import _left_m
 from dynmap_cli.ingest.choices.odometry import _turns_otherwise
-from dynmap_cli.ingest.choices.turns import (
-    Headings,
-    ScanTurns,
-    _best_shifts,
-    agreement,
-    agreement_at,
-    chance_of,
-    turns_of,
-)
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
+from dynmap_cli.ingest.seen_motion.agreement import agreement, agreement_at, chance_of
+from dynmap_cli.ingest.seen_motion.laid_sweeps import _left_m, share_nearer
+from dynmap_cli.ingest.seen_motion.pairs import SweepPairs
+from dynmap_cli.ingest.seen_motion.turns import Headings, ScanTurns, _best_shifts, turns_of
 from tests.ingest.rooms import Room
-
-CAP_M, OVERLAP = 0.5, 0.3
-
-
-def plain_shift(before, after, n_shifts):
-    """The shift of the least mean difference of one pair of sweeps, over all beams that both have."""
-    costs = {}
-    for shift in range(-n_shifts, n_shifts + 1):
-        off_m = [
-            min(abs(before[beam + shift] - after[beam]), CAP_M)
-            for beam in range(after.size)
-            if 0 <= beam + shift < before.size and np.isfinite(before[beam + shift] - after[beam])
-        ]
-        if len(off_m) >= OVERLAP * before.size:
-            costs[shift] = sum(off_m) / len(off_m)
-    return min(costs, key=costs.get)
+from tests.reference import seen_motion
 
 
 def test_shifts_are_those_of_the_plain_search_also_where_beams_are_missing():
@@ -45,7 +24,9 @@ def test_shifts_are_those_of_the_plain_search_also_where_beams_are_missing():
         found, is_told = _best_shifts(before, after, 30)
         np.testing.assert_array_equal(found, shifts)
         assert is_told.all()
-        assert [plain_shift(*pair, 30) for pair in zip(before, after, strict=True)] == shifts.tolist()
+        assert [
+            seen_motion.best_shift(*pair, 30) for pair in zip(before, after, strict=True)
+        ] == shifts.tolist()
 
 
 def laser_of(ranges_m, first_rad, step_rad, rate_hz=10):
@@ -170,21 +151,6 @@ def test_a_laser_upside_down_is_found_where_the_robot_hardly_ever_turns_or_turns
     assert judged(laser, stamps_ns, with_headings(poses, -yaws)) == (False, True)
 
 
-def plain_left_m(before, after, bearings, motion):
-    """What is left of one pair, beam by beam."""
-    left = []
-    for bearing, range_m in zip(bearings, after, strict=True):
-        if not np.isfinite(range_m):
-            continue
-        x = motion[0] + range_m * np.cos(motion[2] + bearing)
-        y = motion[1] + range_m * np.sin(motion[2] + bearing)
-        off = np.abs(wrap_angle(bearings - np.arctan2(y, x)))
-        nearest = int(np.argmin(off))
-        if off[nearest] <= abs(bearings[1] - bearings[0]) / 2 and np.isfinite(before[nearest]):
-            left.append(min(abs(np.hypot(x, y) - before[nearest]), 0.2))
-    return np.mean(left) if left else np.nan
-
-
 @pytest.mark.parametrize("step_rad", [STEP_RAD, -STEP_RAD, 2.0 * np.pi / 121])
 def test_what_a_motion_leaves_is_what_the_plain_search_finds(step_rad):
     rng = np.random.default_rng(5)
@@ -193,13 +159,19 @@ def test_what_a_motion_leaves_is_what_the_plain_search_finds(step_rad):
     before[rng.random(before.shape) < 0.1] = np.nan
     after[rng.random(after.shape) < 0.1] = np.nan
     after[3] = np.nan
-    stamps_ns = np.arange(6)
-    turns = ScanTurns(stamps_ns, stamps_ns, np.zeros(6), before, after, bearings)
-    motions = np.column_stack([rng.normal(0.0, 0.3, (6, 2)), rng.uniform(-3.0, 3.0, 6)])
+    pairs = SweepPairs(before, after, bearings)
+    motions, others = (
+        np.column_stack([rng.normal(0.0, 0.3, (6, 2)), rng.uniform(-3.0, 3.0, 6)]) for _ in range(2)
+    )
     plain = [
-        plain_left_m(*pair, bearings, motion) for *pair, motion in zip(before, after, motions, strict=True)
+        seen_motion.left_m(*pair, bearings, motion)
+        for *pair, motion in zip(before, after, motions, strict=True)
     ]
-    np.testing.assert_allclose(_left_m(turns, np.arange(6), motions), plain, atol=1e-6)
+    np.testing.assert_allclose(_left_m(pairs, np.arange(6), motions), plain, atol=1e-6)
+    share = share_nearer(pairs, motions, others)
+    assert share == pytest.approx(seen_motion.share_nearer(before, after, bearings, motions, others))
+    assert share == -share_nearer(pairs, others, motions)
+    assert share != 0.0
 
 
 def test_the_chance_of_a_sign_test_is_that_of_coins():
@@ -212,7 +184,8 @@ def test_pairs_that_overlap_count_once():
     """Twenty pairs within a second say no more than two."""
     first_ns = np.arange(20) * 50_000_000
     values = np.ones((20, 3), dtype=np.float32)
-    turns = ScanTurns(first_ns, first_ns + 500_000_000, np.full(20, 0.3), values, values, np.arange(3) * 0.1)
+    pairs = SweepPairs(values, values, np.arange(3) * 0.1)
+    turns = ScanTurns(first_ns, first_ns + 500_000_000, np.full(20, 0.3), pairs)
     found = agreement(turns, (np.zeros(20), np.full(20, -0.3)))
     assert found.n_pairs == 2
     assert found.opposite == 1.0

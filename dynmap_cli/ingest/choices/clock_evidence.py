@@ -14,8 +14,8 @@ import numpy as np
 
 from dynmap_cli.ingest.choices.clock_offsets import agreement_moved, off_rad
 from dynmap_cli.ingest.choices.tracks import Track, part_of, yaws_at
-from dynmap_cli.ingest.choices.turns import Headings, ScanTurns, turns_of
 from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.seen_motion.turns import Headings, ScanTurns, turns_of
 
 _CLEARLY = 0.7
 _MOST_TRACKS = 4

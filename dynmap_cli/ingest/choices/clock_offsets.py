@@ -14,9 +14,10 @@ import numpy as np
 from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name
 from dynmap_cli.ingest.choices.tracks import Track, moving_tracks, yaws_at
-from dynmap_cli.ingest.choices.turns import Agreement, ReferenceLaser, ScanTurns, agreement
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name
+from dynmap_cli.ingest.seen_motion.agreement import Agreement, agreement
+from dynmap_cli.ingest.seen_motion.turns import ReferenceLaser, ScanTurns
 
 Source = RawLaser | Track
 _LEAST_APART_S = 1.0

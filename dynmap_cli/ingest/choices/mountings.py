@@ -9,8 +9,8 @@ import numpy as np
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import Mounting
 from dynmap_cli.ingest.choices.lasers import LaserChoice
-from dynmap_cli.ingest.choices.turns import Headings, ScanTurns, turns_of
 from dynmap_cli.ingest.raw.recording import RawRecording
+from dynmap_cli.ingest.seen_motion.turns import Headings, ScanTurns, turns_of
 from dynmap_cli.ingest.settings import IngestSettings
 
 _FARTHEST_LASER_M = 20.0
@@ -43,7 +43,8 @@ def robot_turns(choice: LaserChoice, mounting: Mounting, headings: Headings) -> 
     """How the robot turned by the sweeps of a laser, above all where odometries turn."""
     turns = turns_of(choice.view.laser, headings)
     if mounting.is_upside_down:
-        turns = replace(turns, turns_rad=-turns.turns_rad, bearings_rad=-turns.bearings_rad)
+        seen = replace(turns.pairs, bearings_rad=-turns.pairs.bearings_rad)
+        turns = replace(turns, turns_rad=-turns.turns_rad, pairs=seen)
     return replace(turns, robot_from_sensor=mounting.robot_from_sensor)
 
 

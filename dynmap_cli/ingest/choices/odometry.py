@@ -11,12 +11,14 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import compose, inverse, wrap_angle
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.frames import FrameTree
-from dynmap_cli.ingest.choices.laid_sweeps import speak_for
 from dynmap_cli.ingest.choices.odometry_sources import NONE_WORDS, Candidates, Odometry, from_track
 from dynmap_cli.ingest.choices.track_quality import known_jumps_m
-from dynmap_cli.ingest.choices.turns import ScanTurns, agreement_at
 from dynmap_cli.ingest.raw.columns import known_rows, spans
 from dynmap_cli.ingest.raw.recording import RawRecording
+from dynmap_cli.ingest.seen_motion.agreement import agreement_at
+from dynmap_cli.ingest.seen_motion.laid_sweeps import speak_for
+from dynmap_cli.ingest.seen_motion.pairs import rows_at
+from dynmap_cli.ingest.seen_motion.turns import TURNING_RAD, ScanTurns
 from dynmap_cli.ingest.settings import IngestSettings
 
 _LEAST_COVER = 0.9
@@ -24,7 +26,7 @@ _LEAST_PATH_M = 0.02
 _MOST_CUT, _ALWAYS_CUT = 0.05, 2
 _MOST_JUMPING = 0.1
 _LEAST_PAIRS, _NO_BETTER = 8, 0.8
-_TURN_RAD, _OFTEN = np.radians(6.0), 0.05
+_OFTEN = 0.05
 
 
 def find_odometry(
@@ -118,13 +120,13 @@ def _turns_otherwise(turns: ScanTurns, stamps_ns: I64, poses: F64) -> str:
     Sweeps may seem to turn otherwise than they do; so the odometry is heard before it is not believed. A laser that
     repeats one and the same sweep says nothing.
     """
-    if np.array_equal(turns.before_m, turns.after_m, equal_nan=True):
+    if np.array_equal(turns.pairs.before_m, turns.pairs.after_m, equal_nan=True):
         return ""
     found = agreement_at(turns, stamps_ns, poses)
     if found.n_pairs < _LEAST_PAIRS:
         return ""
     # Pairs in which an odometry turns most are looked for: where it alone turns, and seldom, they are slips of wheels.
-    if found.still_rad < _TURN_RAD and _turning_share(turns, stamps_ns, poses) < _OFTEN:
+    if found.still_rad < TURNING_RAD and _turning_share(turns, stamps_ns, poses) < _OFTEN:
         return ""
     if min(found.same_rad, found.opposite_rad) < _NO_BETTER * found.still_rad:
         return ""
@@ -140,10 +142,9 @@ def _turning_share(turns: ScanTurns, stamps_ns: I64, poses: F64) -> float:
     """In what share of spans as long as those of the pairs, one after the other, an odometry turns."""
     span_ns = int(np.median(turns.second_ns - turns.first_ns))
     at_ns = np.arange(stamps_ns[0], stamps_ns[-1], max(span_ns, 1))
-    headings = poses[np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1), 2]
-    turned_rad = wrap_angle(np.diff(headings))
+    turned_rad = wrap_angle(np.diff(poses[rows_at(stamps_ns, at_ns), 2]))
     known = np.isfinite(turned_rad)
-    return float(np.mean(np.abs(turned_rad[known]) > _TURN_RAD)) if known.any() else 0.0
+    return float(np.mean(np.abs(turned_rad[known]) > TURNING_RAD)) if known.any() else 0.0
 
 
 def _as_wished(

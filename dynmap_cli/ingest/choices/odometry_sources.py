@@ -15,10 +15,10 @@ from dynmap_cli.files.tables import new_table
 from dynmap_cli.ingest.choices.frames import FrameTree
 from dynmap_cli.ingest.choices.robot_frames import GLOBAL_FRAMES, last_name, moved_by_odometry, odom_frame_of
 from dynmap_cli.ingest.choices.transforms import planar
-from dynmap_cli.ingest.choices.turns import Headings
 from dynmap_cli.ingest.raw.columns import known_rows, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording
+from dynmap_cli.ingest.seen_motion.turns import Headings
 from dynmap_cli.ingest.settings import IngestSettings
 
 _TRUTH_WORDS = (

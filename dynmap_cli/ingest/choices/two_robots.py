@@ -10,9 +10,10 @@ from dynmap_cli.domain.poses import interpolate
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.tracks import moving_tracks, places_of, poses_of
-from dynmap_cli.ingest.choices.turns import ReferenceLaser, ScanTurns, agreement
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.recording import RawRecording, sorted_by_stamp
+from dynmap_cli.ingest.seen_motion.agreement import agreement
+from dynmap_cli.ingest.seen_motion.turns import ReferenceLaser, ScanTurns
 
 _JUMP_M, _BACK_SHARE = 1.0, 0.3
 _LOOK_AHEAD = 4

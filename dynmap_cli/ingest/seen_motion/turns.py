@@ -9,7 +9,6 @@ if there is one, turns most; the others are spread evenly, as odometry may be wr
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +18,7 @@ import numpy as np
 from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.domain.poses import wrap_angle
 from dynmap_cli.ingest.raw.laser import RawLaser, ScanShape
+from dynmap_cli.ingest.seen_motion.pairs import SweepPairs, rows_at
 
 _SPAN_S, _LEAST_STEP_S = 0.5, 1e-3
 _MOST_PAIRS, _BEAMS_COMPARED = 200, 90
@@ -27,11 +27,8 @@ _WITHIN_REACH_RAD = np.radians(45.0)
 _CAP_M = 0.5
 _ALIKE = 0.5
 _LEAST_OVERLAP = 0.3
-_TURNING_RAD = np.radians(6.0)
-_LEAST_TURNING = 8
-_CLEARLY = 0.4
-_CHANCE = 1e-3
-"""Of as many pairs or more being mirrored, were each as likely to be."""
+TURNING_RAD = np.radians(6.0)
+"""From there on a turn between two sweeps is one, and not noise or swaying."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +65,8 @@ class ScanTurns:
         Stamps of the sweeps, about half a second apart, less where the robot turns too far in that time.
     turns_rad : (n,) float64
         Counter-clockwise in the frame of the laser, as its bearings run.
-    before_m, after_m : (n, n_beams) float32
-        Ranges of these sweeps, of every so many beams; NaN = no return.
-    bearings_rad : (n_beams,) float64
-        Where these beams point.
+    pairs : SweepPairs
+        These sweeps, of every so many beams.
     robot_from_sensor : (3,) float64
         Where the laser sits, as far as is known.
     """
@@ -79,52 +74,8 @@ class ScanTurns:
     first_ns: I64
     second_ns: I64
     turns_rad: F64
-    before_m: F32
-    after_m: F32
-    bearings_rad: F64
+    pairs: SweepPairs
     robot_from_sensor: F64 = field(default_factory=lambda: np.zeros(3))
-
-
-@dataclass(frozen=True, slots=True)
-class Agreement:
-    """How the turns of an odometry agree with those of the sweeps, over the pairs in which either turns.
-
-    Attributes
-    ----------
-    n_pairs : int
-        Of which no two overlap in time.
-    same_rad, opposite_rad, still_rad : float
-        Median of what is left of the turns of the sweeps without those of the odometry, with them, and as they are;
-        inf where fewer pairs turn than say anything.
-    opposite : float
-        Share of the pairs in which least is left with the turns of the odometry.
-    """
-
-    n_pairs: int
-    same_rad: float
-    opposite_rad: float
-    still_rad: float
-    opposite: float
-
-    @property
-    def is_mirrored(self) -> bool:
-        """Whether the sweeps clearly turn against the odometry, as those of a laser that hangs upside down."""
-        if self.opposite_rad >= _CLEARLY * min(self.same_rad, self.still_rad):
-            return False
-        return chance_of(round(self.opposite * self.n_pairs), self.n_pairs) < _CHANCE
-
-
-def chance_of(n_found: int, n_pairs: int) -> float:
-    """Chance that so many or more of the pairs go one way where either is as likely: the tail of a sign test."""
-    return sum(math.comb(n_pairs, k) for k in range(n_found, n_pairs + 1)) * 0.5**n_pairs
-
-
-NO_AGREEMENT = Agreement(0, np.inf, np.inf, np.inf, 0.0)
-
-
-def rows_at(stamps_ns: I64, at_ns: I64) -> I64:
-    """Rows (m,) of the stamps (n,), ascending, at or after each of the times."""
-    return np.minimum(np.searchsorted(stamps_ns, at_ns), stamps_ns.size - 1)
 
 
 def turns_of(laser: RawLaser, headings: Headings | None = None, part: slice | None = None) -> ScanTurns:
@@ -157,16 +108,14 @@ def turns_of(laser: RawLaser, headings: Headings | None = None, part: slice | No
         first_ns[is_told],
         second_ns[is_told],
         shift[is_told] * step_rad,
-        before[is_told],
-        after[is_told],
-        shape.bearings_rad[::every],
+        SweepPairs(before[is_told], after[is_told], shape.bearings_rad[::every]),
     )
 
 
 def _no_turns(shape: ScanShape) -> ScanTurns:
     """Of a laser with too few sweeps or beams."""
     stamps_ns, ranges_m = np.zeros(0, dtype=np.int64), np.zeros((0, shape.n_beams), dtype=np.float32)
-    return ScanTurns(stamps_ns, stamps_ns, np.zeros(0), ranges_m, ranges_m, shape.bearings_rad)
+    return ScanTurns(stamps_ns, stamps_ns, np.zeros(0), SweepPairs(ranges_m, ranges_m, shape.bearings_rad))
 
 
 def _pairs_of(stamps_ns: I64, headings: Headings | None) -> tuple[I64, int]:
@@ -191,7 +140,7 @@ def _turning(stamps_ns: I64, headings: Headings | None, apart: int) -> tuple[I64
     if headings is None:
         return starts[:0], np.zeros(0)
     turned_rad = headings.turned_rad(stamps_ns[starts], stamps_ns[starts + apart])
-    is_turning = turned_rad > _TURNING_RAD
+    is_turning = turned_rad > TURNING_RAD
     return starts[is_turning], turned_rad[is_turning]
 
 
@@ -251,38 +200,3 @@ def _best_shifts(before: F32, after: F32, n_shifts: int) -> tuple[I64, B1]:
     is_told = (best > 0) & (best < 2 * n_shifts)
     is_told &= costs.min(axis=0) < _ALIKE * np.median(np.minimum(costs, _CAP_M), axis=0)
     return best - n_shifts, is_told
-
-
-def agreement(turns: ScanTurns, yaws_rad: tuple[F64, F64]) -> Agreement:
-    """Compare the turns of sweeps with headings (n,) of an odometry at both sweeps of each pair; NaN = none."""
-    driven_rad = wrap_angle(yaws_rad[1] - yaws_rad[0])
-    is_turning = np.isfinite(driven_rad) & (
-        (np.abs(driven_rad) > _TURNING_RAD) | (np.abs(turns.turns_rad) > _TURNING_RAD)
-    )
-    if np.count_nonzero(is_turning) < _LEAST_TURNING:
-        return NO_AGREEMENT
-    seen_rad, driven_rad = turns.turns_rad[is_turning], driven_rad[is_turning]
-    left_rad = np.abs(wrap_angle(np.stack([seen_rad - driven_rad, seen_rad + driven_rad, seen_rad])))
-    same_rad, opposite_rad, still_rad = np.median(left_rad, axis=1).tolist()
-    return Agreement(
-        _n_apart(turns.first_ns[is_turning], turns.second_ns[is_turning]),
-        same_rad,
-        opposite_rad,
-        still_rad,
-        float(np.mean(np.argmin(left_rad, axis=0) == 1)),
-    )
-
-
-def _n_apart(first_ns: I64, second_ns: I64) -> int:
-    """How many pairs there are of which no two overlap; pairs (n,) are in the order of time."""
-    n_apart, end_ns = 0, first_ns[0]
-    for begin_ns, finish_ns in zip(first_ns.tolist(), second_ns.tolist(), strict=True):
-        if begin_ns >= end_ns:
-            n_apart, end_ns = n_apart + 1, finish_ns
-    return n_apart
-
-
-def agreement_at(turns: ScanTurns, stamps_ns: I64, poses: F64) -> Agreement:
-    """Compare the turns of sweeps with poses (n, 3) of an odometry at the stamps (n,), ascending, of all sweeps."""
-    yaws = [poses[rows_at(stamps_ns, at_ns), 2] for at_ns in (turns.first_ns, turns.second_ns)]
-    return agreement(turns, (yaws[0], yaws[1]))

@@ -15,14 +15,16 @@ from dynmap_cli.arrays import B1, F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.ingest.choices.frames import Mounting
-from dynmap_cli.ingest.choices.laid_sweeps import share_nearer
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.odometry_sources import Odometry
-from dynmap_cli.ingest.choices.range_flow import C128, LEAST_BEAMS, range_flow
-from dynmap_cli.ingest.choices.turns import ScanTurns, agreement_at
 from dynmap_cli.ingest.raw.columns import counts_of
 from dynmap_cli.ingest.raw.laser import ScanShape
 from dynmap_cli.ingest.raw.recording import RawRecording
+from dynmap_cli.ingest.seen_motion.agreement import agreement_at
+from dynmap_cli.ingest.seen_motion.laid_sweeps import share_nearer
+from dynmap_cli.ingest.seen_motion.pairs import SweepPairs
+from dynmap_cli.ingest.seen_motion.range_flow import C128, LEAST_BEAMS, range_flow
+from dynmap_cli.ingest.seen_motion.turns import ScanTurns
 
 _SPAN_S, _LEAST_PERIOD_S = 0.2, 1e-3
 _MOST_LOOKED_AT, _MOST_PAIRS, _LEAST_PAIRS = 1000, 200, 25
@@ -134,16 +136,7 @@ def _lie_better(
 ) -> bool:
     """Whether sweeps (m,) lie clearly better on others by robot poses seen before and after than by poses (n, 3)."""
     before, after, bearings_rad = _sweeps(columns, rows, others, mounting)
-    stamps_ns = columns.stamps_ns
-    pairs = ScanTurns(
-        stamps_ns[rows],
-        stamps_ns[others],
-        np.zeros(rows.size),
-        before.astype(np.float32),
-        after.astype(np.float32),
-        bearings_rad,
-        mounting.robot_from_sensor,
-    )
+    pairs = SweepPairs(before.astype(np.float32), after.astype(np.float32), bearings_rad)
     by_seen, by_poses = (
         between(*(compose(pose, mounting.robot_from_sensor) for pose in both))
         for both in (seen, (poses[rows], poses[others]))
