@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dynmap_cli.clustering.stage import CORRECT as CORRECT_STATES
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
 from dynmap_cli.consistency import check_finished
@@ -29,7 +30,9 @@ from dynmap_cli.pipeline import StageResult, context_of, is_up_to_date, run_stag
 from dynmap_cli.report.stage import STAGE as REPORT
 from dynmap_cli.segmentation.corrections import added_submap
 from dynmap_cli.segmentation.settings import margin_cells
+from dynmap_cli.segmentation.stage import CORRECT as CORRECT_SUBMAPS
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
+from dynmap_cli.stage import Stage
 from dynmap_cli.update import settings_of
 
 
@@ -98,7 +101,7 @@ def edit(run_dir: Path, wishes: Wishes, *, threads: int) -> tuple[tuple[Correcti
         corrections = _corrected(run_dir, before, wishes, config)
         if corrections != before or (corrections and not (run_dir / FOLDER).is_dir()):
             _record(run_dir, corrections)
-            results = []
+            results = [run_stage(stage, context, force=False) for stage in _again(before, corrections)]
         stages = (REPORT,) if results else (SEGMENT, CLUSTER, REPORT)
         results += [run_stage(stage, context, force=False) for stage in stages]
         write_run_yaml(run_dir, config)
@@ -132,6 +135,15 @@ def _record(run_dir: Path, corrections: Sequence[Correction]) -> None:
         forget(run_dir)
         (beside / FOLDER).rename(run_dir / FOLDER)
     write_edits(run_dir, corrections)
+
+
+def _again(before: Sequence[Correction], now: Sequence[Correction]) -> tuple[Stage, Stage]:
+    """The stages that corrections make run again: what they leave as it is, is neither looked for nor learned again.
+
+    Which areas there are, and so whose states are learned, depends on those that are dropped or added by hand only.
+    """
+    areas = [[one for one in some if isinstance(one, Drop | Addition)] for some in (before, now)]
+    return CORRECT_SUBMAPS, CORRECT_STATES if areas[0] == areas[1] else CLUSTER
 
 
 def _corrected(

@@ -79,6 +79,7 @@ def _localize_and_draw(context: StageContext) -> dict[str, Any]:
         () if is_plain else read_patches(archive),
         {} if is_plain else read_names(archive),
         context.out_dir,
+        summary["places_to_update"],
     )
     picture.save(context.out_dir / NAME)
     return summary

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from dynmap_cli.domain.corrections import Merge
+from dynmap_cli.domain.patches import PatchSet, Visit
+from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.files.edits import NAME as EDITS
 from dynmap_cli.files.edits import read_edits
-from dynmap_cli.files.known import FOUND_PATCHES, read_known_patches
-from dynmap_cli.files.patch_archive import write_patches
+from dynmap_cli.files.known import FOUND_PATCHES, found_patches, read_known_patches
+from dynmap_cli.files.patch_archive import read_patches, read_rounds, read_visits, write_patches
 from dynmap_cli.files.registered import read_registered
 from dynmap_cli.files.submaps import read_submaps
 from dynmap_cli.progress import progress
@@ -26,10 +30,8 @@ def needs(context: StageContext) -> tuple[str, int]:
 
 def run(context: StageContext) -> dict[str, Any]:
     """Learn the states, give them the numbers of before, correct them by hand, write patches.zip."""
-    from dynmap_cli.clustering.corrections import apply_corrections
     from dynmap_cli.clustering.learning import learn_patch_map
     from dynmap_cli.clustering.numbering import keep_numbers
-    from dynmap_cli.clustering.states import describe
 
     log, trajectory = read_registered(context.scans_dir, context.run_dir / "map")
     submaps = read_submaps(context.run_dir / "submaps")
@@ -43,6 +45,28 @@ def run(context: StageContext) -> dict[str, Any]:
             on_submap=tick,
         )
     patch_sets, visits = keep_numbers(patch_sets, visits, read_known_patches(context.run_dir))
+    return _write_corrected(context, submaps, patch_sets, visits)
+
+
+def correct(context: StageContext) -> dict[str, Any]:
+    """Correct the states that were learned before, where only names and merged states changed since then."""
+    learned = found_patches(context.run_dir)
+    rounds = read_rounds(learned)
+    patch_sets = tuple(replace(one, rounds=rounds[one.submap_id]) for one in read_patches(learned))
+    submaps = read_submaps(context.run_dir / "submaps")
+    return _write_corrected(context, submaps, patch_sets, read_visits(learned))
+
+
+def _write_corrected(
+    context: StageContext,
+    submaps: Sequence[SubMap],
+    patch_sets: tuple[PatchSet, ...],
+    visits: tuple[Visit, ...],
+) -> dict[str, Any]:
+    """Correct states by hand and write them; those that were learned too, where some are merged."""
+    from dynmap_cli.clustering.corrections import apply_corrections
+    from dynmap_cli.clustering.states import describe
+
     corrections = read_edits(context.run_dir)
     lines: list[str] = []
     learned = patch_sets
@@ -74,3 +98,6 @@ STAGE = Stage(
     run=run,
     needs=needs,
 )
+
+CORRECT = replace(STAGE, title="correcting the states of each area", run=correct, has_kernels=False)
+"""The same stage where only names and merged states changed since it was run: no state is learned again."""

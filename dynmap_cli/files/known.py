@@ -27,12 +27,22 @@ def remember(run_dir: Path, into: Path) -> None:
     known = into / FOLDER
     shutil.rmtree(known, ignore_errors=True)
     known.mkdir(parents=True)
-    submaps, patches = run_dir / "submaps", run_dir / "patches"
-    for path in (submaps / FOUND if (submaps / FOUND / "submaps.yaml").is_file() else submaps).iterdir():
+    for path in found_submaps(run_dir).iterdir():
         if path.suffix in (".yaml", ".pgm"):
             shutil.copyfile(path, known / path.name)
-    found = patches / FOUND_PATCHES
-    shutil.copyfile(found if found.is_file() else patches / _PATCHES, known / _PATCHES)
+    shutil.copyfile(found_patches(run_dir), known / _PATCHES)
+
+
+def found_submaps(run_dir: Path) -> Path:
+    """Folder of the sub-maps of a run as they were found, before they were corrected by hand."""
+    submaps = run_dir / "submaps"
+    return submaps / FOUND if (submaps / FOUND / "submaps.yaml").is_file() else submaps
+
+
+def found_patches(run_dir: Path) -> Path:
+    """Archive of the patches of a run as they were learned, before they were corrected by hand."""
+    patches = run_dir / "patches"
+    return patches / FOUND_PATCHES if (patches / FOUND_PATCHES).is_file() else patches / _PATCHES
 
 
 def forget(run_dir: Path) -> None:

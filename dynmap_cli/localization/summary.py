@@ -13,7 +13,12 @@ from dynmap_cli.domain.patches import NEVER_MAPPED, SURE
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.beliefs.state_tables import PatchBelief
 from dynmap_cli.localization.found import Localization
-from dynmap_cli.localization.watching.changes import changed_line, is_another_place
+from dynmap_cli.localization.watching.changes import (
+    ChangedPlace,
+    changed_line,
+    is_another_place,
+    places_to_update,
+)
 
 VERDICTS = ("tracking", "changed", "lost")
 
@@ -62,7 +67,20 @@ def summarize(
         "drives_alike": len(found.alike),
         "searches": len(found.searches),
         "submaps_seen": len(by_submap),
+        "places_to_update": [_as_row(one) for one in places_to_update(found.health)],
         "lines": lines,
+    }
+
+
+def _as_row(changed: ChangedPlace) -> dict[str, Any]:
+    """A place where the map is out of date, for programs and for the picture."""
+    place = changed.place
+    return {
+        "kind": place.kind,
+        "submap": place.submap_id,
+        "x_m": round(place.x_m, 3),
+        "y_m": round(place.y_m, 3),
+        "updates": changed.updates,
     }
 
 

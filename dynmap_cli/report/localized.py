@@ -8,6 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -15,6 +16,7 @@ from PIL import Image, ImageDraw
 from dynmap_cli.arrays import F64
 from dynmap_cli.domain.grid import UNKNOWN, OccupancyGrid
 from dynmap_cli.domain.patches import NEVER_MAPPED, SURE, PatchSet
+from dynmap_cli.domain.points import point_for_people
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.files.trajectory import parse_stamp, read_tum
 from dynmap_cli.report.ink import INK, PAPER, colour_of_submap
@@ -28,6 +30,8 @@ _JUMP_M = 1.0
 """No line is drawn between consecutive scans further apart: the robot was found elsewhere."""
 _RADIUS = 7
 _MARGIN_M = 1.0
+_RING_M, _RING_PIXELS = 0.5, 14
+"""A place that changed is known to half a metre; its ring is never smaller than can be seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,11 @@ class SeenSubMap:
 
 
 def draw_localized(
-    grid: OccupancyGrid, patch_sets: Sequence[PatchSet], names: Mapping[int, str], folder: Path
+    grid: OccupancyGrid,
+    patch_sets: Sequence[PatchSet],
+    names: Mapping[int, str],
+    folder: Path,
+    places: Sequence[Mapping[str, Any]] = (),
 ) -> Image.Image:
     """Draw what the files of a localization say.
 
@@ -75,6 +83,8 @@ def draw_localized(
         What people call each sub-map, "" = nothing.
     folder : Path
         With trajectory.tum, states.csv and health.csv.
+    places : sequence of mapping
+        Where a map update is advised, as in the summary of the localization.
     """
     trajectory = read_tum(folder / "trajectory.tum")
     believed = _believed_last(folder / "states.csv")
@@ -85,7 +95,7 @@ def draw_localized(
         submaps.append(SeenSubMap(one, called, *believed.get(one.submap_id, ())))
     verdicts = _verdicts(folder / "health.csv", trajectory)
     shown = _without_edges(_as_believed(grid, submaps), trajectory.poses[:, :2])
-    return _LocalizationPicture(shown).draw_path(trajectory, verdicts, submaps)
+    return _LocalizationPicture(shown).draw_path(trajectory, verdicts, submaps, places)
 
 
 def _without_edges(grid: OccupancyGrid, path_m: F64) -> OccupancyGrid:
@@ -126,9 +136,13 @@ class _LocalizationPicture(MapPicture):
     """The map with a path on it."""
 
     def draw_path(
-        self, trajectory: Trajectory, verdicts: Sequence[str], submaps: Sequence[SeenSubMap]
+        self,
+        trajectory: Trajectory,
+        verdicts: Sequence[str],
+        submaps: Sequence[SeenSubMap],
+        places: Sequence[Mapping[str, Any]],
     ) -> Image.Image:
-        """Put sub-maps, path, start, words and a legend on the map."""
+        """Put sub-maps, path, start, changed places, coordinates, words and a legend on the map."""
         image = Image.fromarray(self._pixels.copy())
         pen = ImageDraw.Draw(image)
         spots = self._to_pixels(trajectory.poses[:, :2])
@@ -140,6 +154,8 @@ class _LocalizationPicture(MapPicture):
         for submap in submaps:
             colour = _NEVER_SEEN if submap.patch is None else colour_of_submap(submap.patch_set.submap_id)
             labels.append(Label(submap.label, self._draw_box(pen, submap.patch_set.frame, colour), colour))
+        for place in places:
+            labels.append(Label(_called(place), self._mark_changed(pen, place), COLOURS["changed"]))
         draw_labels(image, labels)
         words = [
             ("path:", INK),
@@ -147,7 +163,23 @@ class _LocalizationPicture(MapPicture):
         ]
         if any(submap.patch is not None for submap in submaps):
             words.append(("frames: sub-maps, state believed last (probability)", INK))
-        return above_legend(self._above_scale(image), words)
+        if places:
+            words.append(("rings: the map is out of date", COLOURS["changed"]))
+        return above_legend(self._in_axes(image), words)
+
+    def _mark_changed(self, pen: ImageDraw.ImageDraw, place: Mapping[str, Any]) -> Box:
+        """Draw a ring around a place where a map update is advised; give back its box."""
+        ((x, y),) = self._to_pixels(np.array([[place["x_m"], place["y_m"]]])).tolist()
+        radius = max(_RING_PIXELS, _RING_M * self._pixels_per_m)
+        box = (x - radius, y - radius, x + radius, y + radius)
+        pen.ellipse(box, outline=COLOURS["changed"], width=4)
+        return box
+
+
+def _called(place: Mapping[str, Any]) -> str:
+    """What stands beside a ring."""
+    which = place["submap"] if place["submap"] is not None else point_for_people(place["x_m"], place["y_m"])
+    return f"{place['kind']} {which}"
 
 
 def _mark_start(pen: ImageDraw.ImageDraw, spot: F64) -> Box:

@@ -13,6 +13,7 @@ from dynmap_cli.arrays import F32, F64, I8, U8
 from dynmap_cli.domain.grid import FREE, OCCUPIED, GridFrame, OccupancyGrid
 from dynmap_cli.domain.patches import PatchSet
 from dynmap_cli.domain.submaps import SubMap
+from dynmap_cli.report.axes import in_axes
 from dynmap_cli.report.ink import (
     CHANGING,
     INK,
@@ -87,8 +88,7 @@ class MapPicture:
         words = [("removed beams", MOVED)] if removed_m.size else []
         words += [("path", PATH)] if paths_m else []
         words += [("frames: sub-maps, with their numbers", INK)] if submaps else []
-        scaled = self._above_scale(image)
-        return above_legend(scaled, words) if paths_m else scaled
+        return above_legend(self._in_axes(image), words) if paths_m else self._above_scale(image)
 
     def _to_pixels(self, points_m: F64) -> F64:
         """Points of the map frame in the picture, whose first row is on top."""
@@ -103,6 +103,10 @@ class MapPicture:
         (left, bottom), (right, top) = self._to_pixels(np.array([low, low + size_m])).tolist()
         pen.rectangle((left, top, right, bottom), outline=colour, width=2)
         return left, top, right, bottom
+
+    def _in_axes(self, image: Image.Image) -> Image.Image:
+        """Put coordinates beside the map."""
+        return in_axes(image, (self._frame.origin_x_m, self._frame.origin_y_m), self._pixels_per_m)
 
     def _above_scale(self, image: Image.Image) -> Image.Image:
         """Put a bar of 1, 2, 5, 10, ... metres with its length below the map."""

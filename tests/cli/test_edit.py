@@ -156,6 +156,32 @@ def test_undo_takes_back_all_that_a_correction_did(corridor, run_dir):
         assert (run_dir / name).read_bytes() == (corridor.run_dir / name).read_bytes(), name
 
 
+@pytest.mark.parametrize(
+    ("rounds", "learns"),
+    [
+        ([("--name", "1", "lab door")], [False]),
+        (
+            [("--merge", "0:0,1", "--name", "0", "wall"), ("--name", "0", "gate"), ("--undo", "1")],
+            [False] * 3,
+        ),
+        ([("--drop", "0"), ("--name", "1", "lab door"), ("--undo", "1")], [True, False, True]),
+        ([("--polygon", "add", "AREA", "--merge", "1:0,1"), ("--drop", "2")], [True, True]),
+    ],
+)
+def test_only_what_a_correction_changes_is_done_again_and_makes_the_same_bytes(run_dir, area, rounds, learns):
+    for words, is_learned in zip(rounds, learns, strict=True):
+        done = run_dynmap("edit", run_dir, *(area if word == "AREA" else word for word in words))
+        assert done.exit_code == 0, done.output
+        assert "segment: correcting areas that change" in done.stderr
+        assert ("cluster: learning the states of each area" in done.stderr) is is_learned
+        assert ("cluster: correcting the states of each area" in done.stderr) is not is_learned
+    before = contents(run_dir)
+    assert run_dynmap("segment", run_dir, "--force", "-q").exit_code == 0
+    assert run_dynmap("cluster", run_dir, "--force", "-q").exit_code == 0
+    edited(run_dir)
+    assert contents(run_dir) == before
+
+
 def test_the_list_changes_nothing(run_dir):
     assert edited(run_dir, "--list").stdout == "no correction\n"
     edited(run_dir, "--name", "1", "lab door", "--drop", "0")

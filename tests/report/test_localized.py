@@ -8,7 +8,7 @@ from dynmap_cli.domain.patches import Patch, PatchSet
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.files.trajectory import format_stamp, write_tum
 from dynmap_cli.report.ink import INK
-from dynmap_cli.report.localized import COLOURS, SeenSubMap, _believed_last, draw_localized
+from dynmap_cli.report.localized import COLOURS, SeenSubMap, _believed_last, _called, draw_localized
 
 HEADER = "stamp_s,submap,patch,probability,nearest"
 FRAME = GridFrame(0.05, -1.0, -2.0, 100, 120)
@@ -33,9 +33,9 @@ def door():
     return PatchSet(7, frame, np.ones((10, 20), dtype=bool), tuple(patches), 0.9)
 
 
-def drawn(folder, sets=(), names=None):
+def drawn(folder, sets=(), names=None, places=()):
     grid = OccupancyGrid(FRAME, np.full(FRAME.shape, FREE, dtype=np.int8))
-    return np.asarray(draw_localized(grid, sets, names or {}, folder)).astype(int)
+    return np.asarray(draw_localized(grid, sets, names or {}, folder, places)).astype(int)
 
 
 def count(pixels, colour):
@@ -71,6 +71,27 @@ def test_names_are_written_and_what_was_not_seen_is_said(tmp_path):
     assert (plain != named).any()
     (folder / "states.csv").write_text(f"{HEADER}\n")
     assert (drawn(folder, [door()]) != plain).any()
+
+
+@pytest.mark.parametrize(
+    ("place", "label"),
+    [
+        ({"kind": "object", "submap": None}, "object (2.0, 1.5)"),
+        ({"kind": "sub-map", "submap": 7}, "sub-map 7"),
+    ],
+)
+def test_a_place_where_the_map_is_out_of_date_has_a_ring_and_a_name(tmp_path, place, label):
+    folder = localized(tmp_path, ["tracking"], np.linspace(0, 3, 30))
+    place = {**place, "x_m": 2.0, "y_m": 1.5}
+    assert _called(place) == label
+    plain, ringed = drawn(folder), drawn(folder, places=[place])
+    assert count(plain, COLOURS["changed"]) == 0
+    rows, cols = np.nonzero((ringed[: plain.shape[0] - 80] == np.array(COLOURS["changed"])).all(axis=-1))
+    zoom = 1700 // 120
+    x, y = (2.0 + 1.0) / 0.05 * zoom, (100 - (1.5 + 2.0) / 0.05) * zoom
+    away = np.hypot(cols - x, rows - y)
+    assert ((away > 9 * zoom) & (away < 11 * zoom)).sum() > 1000
+    assert not (away < 9 * zoom).any()
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,12 @@ def changed_places(rows: Sequence[HealthRow]) -> list[ChangedPlace]:
     return sorted(found, key=lambda one: -one.updates)
 
 
+def places_to_update(rows: Sequence[HealthRow]) -> list[ChangedPlace]:
+    """Places for which a map update is advised, those seen most often first; none if the map is of another place."""
+    places = [] if is_another_place(rows) else changed_places(rows)
+    return [one for one in places if one.updates >= LEAST_UPDATES]
+
+
 def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
     """One sentence on where the map is out of date; empty where it is not, or is of another place."""
     places = [] if is_another_place(rows) else changed_places(rows)
@@ -75,7 +81,7 @@ def changed_line(rows: Sequence[HealthRow], first_ns: int) -> str:
         f"{100 * share:.0f} % of the run in changed surroundings, worst: {worst.place.called} "
         f"(t = {(worst.stamp_ns - first_ns) * 1e-9:.1f} s, {100 * worst.share:.0f} % of the beams)"
     )
-    named = [one.place.called for one in places if one.updates >= LEAST_UPDATES]
+    named = [one.place.called for one in places_to_update(rows)]
     if named:
         n_more = len(named) - MOST_NAMED
         more = f" and {n_more} more {'place' if n_more == 1 else 'places'}" if n_more > 0 else ""
