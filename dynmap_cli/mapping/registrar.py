@@ -26,6 +26,7 @@ from dynmap_cli.scan_matching.sweeps import Sweeps
 from dynmap_cli.scan_matching.wheel_faults import (
     WheelFault,
     find_wheel_faults,
+    jumps_while_lost,
     suspicious_stops,
     without_steps,
 )
@@ -135,6 +136,7 @@ class Registrar:
         faults = find_wheel_faults(motion, sweeps.times_s, front.poses, front.is_lost, reversible=reversible)
         unsure = [fault.steps for fault in faults if fault.steps]
         unsure += suspicious_stops(motion, sweeps.times_s, front.shares)
+        unsure += jumps_while_lost(motion, front.is_lost)
         return [steps for steps in unsure if self._fits_better_without(steps, sweeps, motion)]
 
     def _fits_better_without(self, steps: tuple[int, ...], sweeps: Sweeps, motion: F64) -> bool:

@@ -106,6 +106,25 @@ def suspicious_stops(motion: F64, times_s: F64, shares: F64) -> list[tuple[int, 
     ]
 
 
+def jumps_while_lost(motion: F64, is_lost: B1) -> list[tuple[int, ...]]:
+    """Steps of each run of lost scans whose odometry is far from the step before: a wheel may have slipped there.
+
+    Where little is seen, a scan that does not fit because of a slip is taken to be where the odometry says, and those
+    after it fit on it: path and odometry agree, and nothing but the lost scan tells.
+
+    Parameters
+    ----------
+    motion : (n_scans, 3) float64
+    is_lost : (n_scans,) bool
+    """
+    change = np.diff(motion, axis=0, prepend=motion[:1])
+    far = np.linalg.norm(motion[:, :2], axis=1)
+    jumps = np.linalg.norm(change[:, :2], axis=1) > _STEP_M + _SLIP_SHARE * far
+    jumps |= np.abs(change[:, 2]) > _STEP_RAD
+    found = [tuple((first + np.flatnonzero(jumps[first:last])).tolist()) for first, last in runs(is_lost)]
+    return [steps for steps in found if steps]
+
+
 def stops(motion: F64, times_s: F64) -> list[tuple[int, ...]]:
     """Steps of stretches in which the odometry stands still: the robot does, or the odometry is frozen."""
     return [_steps_of_freeze(first, last, times_s.size) for first, last in _long_stops(motion, times_s)]

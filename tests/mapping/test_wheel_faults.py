@@ -8,7 +8,12 @@ import pytest
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.mapping.settings import MapSettings
 from dynmap_cli.mapping.site import Site
-from dynmap_cli.scan_matching.wheel_faults import find_wheel_faults, suspicious_stops, without_steps
+from dynmap_cli.scan_matching.wheel_faults import (
+    find_wheel_faults,
+    jumps_while_lost,
+    suspicious_stops,
+    without_steps,
+)
 from dynmap_cli.simulation import parse_scenario, simulate
 
 TIMES = np.arange(600) * 0.2
@@ -73,6 +78,19 @@ def test_a_stop_is_suspicious_only_where_scans_fit_worse():
     assert set(range(300, 350)) <= set(stop)
 
 
+@pytest.mark.parametrize("extra", [(0.2, 0.0, 0.0), (0.0, 0.0, -0.15)])
+def test_wheels_that_jump_are_unsure_only_where_scans_are_lost(extra):
+    steps, _ = drive()
+    is_lost = NEVER.copy()
+    is_lost[[100, 101, 200, 201, 202]] = True
+    assert jumps_while_lost(steps, is_lost) == []
+    steps[[150, 201]] += extra
+    # To the step that jumped, and back from it.
+    assert jumps_while_lost(steps, is_lost) == [(201, 202)]
+    assert jumps_while_lost(steps, NEVER) == []
+    assert jumps_while_lost(np.full((600, 3), np.nan), is_lost) == []
+
+
 def test_lost_scans_say_nothing_about_wheels():
     steps, poses = drive()
     is_lost = NEVER.copy()
@@ -117,6 +135,28 @@ def test_registration_does_without_odometry_that_stands_still():
     assert abs(fault.end_s - 8.0) < 0.5
     error = poses - between(run.true_poses[0], run.true_poses)
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.1
+
+
+OPEN = {
+    "world": {"walls": [[[38, -2], [38, 2]], [[34, 8], [35, 11]], [[30, -12], [32, -12]]]},
+    "robot": {"path": [[0, 0], [14, 0]], "speed_mps": 1.0},
+    "lasers": [{"beams": 241, "fov_deg": 180, "max_range_m": 50, "rate_hz": 5}],
+}
+
+
+@pytest.mark.parametrize(("step", "slip_deg"), [(20, 10), (35, -12)])
+def test_a_slip_where_little_is_seen_does_not_turn_the_path(step, slip_deg):
+    """A few returns from far away: the first scan after a slip fits nowhere, and those after it fit on it."""
+    run = simulate(parse_scenario(OPEN))
+    steps = np.zeros_like(run.log.odometry)
+    steps[1:] = between(run.log.odometry[:-1], run.log.odometry[1:])
+    steps[step, 2] += np.radians(slip_deg)
+    site = Site(replace(run.log, odometry=chained(steps)), MapSettings(max_rounds=1))
+    poses = site.poses(None, "")
+    (fault,) = site.drives[0].wheel_faults
+    assert fault.steps == (step,)
+    error = poses - between(run.true_poses[0], run.true_poses)
+    assert np.hypot(error[:, 0], error[:, 1]).max() < 0.3
 
 
 def test_along_a_bare_corridor_the_path_is_as_long_as_the_odometry_says():
