@@ -65,13 +65,13 @@ def cut_sequences(log: ScanLog, poses: F64, frame: GridFrame, params: SequencePa
     if near.size == 0:
         return []
     stamps, recording = log.stamps_ns[near], log.recording_index[near]
-    left = (np.diff(stamps) > params.gap_s * 1e9) & ~_is_next_scan(log, near)
+    left = (np.diff(stamps) > params.gap_s * 1e9) & ~_is_next_scan(near)
     stays = np.split(near, np.flatnonzero(left | (np.diff(recording) != 0)) + 1)
     sequences = [part for stay in stays for part in _cut_by_time(log.stamps_ns[stay], stay, params.length_s)]
     return [part for part in sequences if part.size >= params.min_scans]
 
 
-def _is_next_scan(log: ScanLog, scans: I64) -> B1:
+def _is_next_scan(scans: I64) -> B1:
     """Whether nothing was recorded between neighbours; then nobody left, the laser was slow."""
     return np.asarray(np.diff(scans) == 1)
 

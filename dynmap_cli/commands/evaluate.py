@@ -71,12 +71,13 @@ def _refuse_nothing(scores: Sequence[Score]) -> None:
         raise LogError(msg)
 
 
-def in_pairs(paths: Sequence[Path], first: str, second: str) -> list[tuple[Path, Path]]:
-    """Take arguments two by two."""
+def named_pairs(paths: Sequence[Path], first: str, second: str) -> list[tuple[str, Path, Path]]:
+    """Take arguments two by two, each result with its name and what it is held against."""
     if not paths or len(paths) % 2:
         msg = f"expected pairs of {first} {second}, found {len(paths)} arguments"
         raise click.UsageError(msg)
-    return list(zip(paths[::2], paths[1::2], strict=True))
+    results, references = paths[::2], paths[1::2]
+    return list(zip(short_names(results), results, references, strict=True))
 
 
 def short_names(paths: Sequence[Path]) -> list[str]:
@@ -104,10 +105,9 @@ def relations_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list[
     from dynmap_cli.evaluation.relations import published_line, read_relations, score_relations
     from dynmap_cli.files.trajectory import read_tum
 
-    pairs = in_pairs(paths, "TRAJECTORY.tum", "RELATIONS")
     scores = [
         score_relations(name, read_tum(trajectory), read_relations(relations))
-        for name, (trajectory, relations) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+        for name, trajectory, relations in named_pairs(paths, "TRAJECTORY.tum", "RELATIONS")
     ]
     return scores, plot_distributions, ["", *map(published_line, scores)]
 
@@ -121,10 +121,9 @@ def trajectory_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list
     from dynmap_cli.evaluation.trajectories import read_reference, score_trajectory
     from dynmap_cli.files.trajectory import read_tum
 
-    pairs = in_pairs(paths, "ESTIMATE.tum", "REFERENCE.tum")
     scores = [
         score_trajectory(name, read_tum(estimate), read_reference(reference))
-        for name, (estimate, reference) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+        for name, estimate, reference in named_pairs(paths, "ESTIMATE.tum", "REFERENCE.tum")
     ]
     return scores, plot_paths, []
 
@@ -148,10 +147,9 @@ def beams_command(paths: tuple[Path, ...], threads: int) -> tuple[list[Score], P
     from dynmap_cli.evaluation.figures import plot_bars
     from dynmap_cli.evaluation.truth import read_run, read_truth
 
-    pairs = in_pairs(paths, "RUN", "TRUTH")
     scores = [
         score_beams(name, read_run(run), read_truth(truth), threads=threads)
-        for name, (run, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+        for name, run, truth in named_pairs(paths, "RUN", "TRUTH")
     ]
     names = ("static_kept_SA", "dynamic_found_DA", "harmonic_HA", "precision", "F1")
     return scores, functools.partial(plot_bars, names=names, label="share"), []
@@ -166,10 +164,9 @@ def states_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list[str
     from dynmap_cli.evaluation.objects import score_run
     from dynmap_cli.evaluation.truth import read_truth
 
-    pairs = in_pairs(paths, "RUN", "TRUTH")
-    scores = []
-    for name, (run, truth_folder) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True):
-        scores.append(score_run(name, run, read_truth(truth_folder)))
+    scores = [
+        score_run(name, run, read_truth(truth)) for name, run, truth in named_pairs(paths, "RUN", "TRUTH")
+    ]
     names = ("objects_found_share", "adjusted_rand_index", "right_number_of_states_share")
     return scores, functools.partial(plot_bars, names=names, label="share"), []
 
@@ -204,10 +201,9 @@ def localization_command(
         map_truth = read_truth(map_paths[1])
         learned = read_learned_states(map_paths[0], map_truth)
         shares = read_object_shares(map_paths[0], map_truth)
-    pairs = in_pairs(paths, "OUT", "TRUTH")
     scores = [
         score_localization(name, read_localized(out), read_truth(truth), learned, map_truth, shares)
-        for name, (out, truth) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+        for name, out, truth in named_pairs(paths, "OUT", "TRUTH")
     ]
     hints = []
     if map_paths is None and not all(score.values["success"] for score in scores):
@@ -239,10 +235,9 @@ def map_command(paths: tuple[Path, ...]) -> tuple[list[Score], Plot, list[str]]:
         ]
         shares = ("looked_through_share", "looked_through_share_of_kept", "removed_share")
         return scores, functools.partial(plot_bars, names=shares, label="share"), []
-    pairs = in_pairs(paths, "MAP.yaml", "REFERENCE.yaml")
     scores = [
         score_map(name, read_map(found)[0], read_map(reference)[0])
-        for name, (found, reference) in zip(short_names([pair[0] for pair in pairs]), pairs, strict=True)
+        for name, found, reference in named_pairs(paths, "MAP.yaml", "REFERENCE.yaml")
     ]
     names = ("differing_share", "occupied_precision", "occupied_recall", "occupied_recall_where_seen")
     return scores, functools.partial(plot_bars, names=names, label="share"), []

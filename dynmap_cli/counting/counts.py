@@ -309,12 +309,10 @@ def _walls_of(counts: CountingMap) -> U8:
     return walls
 
 
-def end_cells(
-    log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float, *, twists: F64 | None = None
-) -> I32:
+def end_cells(log: ScanLog, poses: F64, frame: GridFrame, usable_range_m: float) -> I32:
     """Flat index row * cols + col of each beam's end cell, (n_scans, n_beams) int32; -1 where it has none."""
     cells = np.empty(log.ranges_m.shape, dtype=np.int32)
-    for part, found in end_cells_in_chunks(log, poses, frame, usable_range_m, twists=twists):
+    for part, found in end_cells_in_chunks(log, poses, frame, usable_range_m):
         cells[part] = found
     return cells
 

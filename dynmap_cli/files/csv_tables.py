@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from dynmap_cli.files.documents import as_text
 from dynmap_cli.files.plain_values import said
 
+_MOST_WHOLE = 2**31 - 1
+
 
 def rows_of(content: bytes, columns: Sequence[str], name: str) -> Iterator[tuple[str, dict[str, str]]]:
     """Rows of a table by column, each with the words for where it stands.
@@ -39,9 +41,9 @@ def rows_of(content: bytes, columns: Sequence[str], name: str) -> Iterator[tuple
         raise ValueError(msg) from err
 
 
-def whole_in(word: str, where: str, least: int = 0, most: int = 2**31 - 1) -> int:
+def whole_in(word: str, where: str) -> int:
     """A whole number of a table, digits only; raises ValueError."""
-    if not (word.isascii() and word.isdecimal() and len(word) <= 10 and least <= int(word) <= most):
-        msg = f"{where} is {said(word)}, not a whole number from {least} to {most}"
+    if not (word.isascii() and word.isdecimal() and len(word) <= 10 and int(word) <= _MOST_WHOLE):
+        msg = f"{where} is {said(word)}, not a whole number from 0 to {_MOST_WHOLE}"
         raise ValueError(msg)
     return int(word)

@@ -165,15 +165,10 @@ def _cast_segment(
             b1 = b0 + _turn(bx0, by0, bx1, by1)
         low = min(a0, b0, a1, b1) - max(yaw0, yaw1)
         width = max(a0, b0, a1, b1) - min(yaw0, yaw1) - low
-    size = abs(increment_rad)
-    offset = low - first_bearing_rad if increment_rad > 0.0 else first_bearing_rad - low - width
-    offset -= _TWO_PI * math.floor(offset / _TWO_PI)
     shares = 1.0 / max(n_beams - 1, 1)
     for turn in range(2):
-        base = offset - turn * _TWO_PI
-        begin = max(int(math.ceil(base / size - 1e-6)), 0)
-        end = min(int(math.floor((base + width) / size + 1e-6)), n_beams - 1)
-        for k in range(begin, end + 1):
+        begin, end = _beams_towards(low, width, first_bearing_rad, increment_rad, n_beams, turn)
+        for k in range(begin, end):
             s = k * shares
             ax, ay = ax0 + s * (ax1 - ax0), ay0 + s * (ay1 - ay0)
             ex, ey = bx0 + s * (bx1 - bx0) - ax, by0 + s * (by1 - by0) - ay
@@ -228,15 +223,10 @@ def _cast_circle(
         half = math.asin(min(radius / (distance - travel), 1.0))
         low = min(a0, a1) - half - max(yaw0, yaw1)
         width = max(a0, a1) + half - min(yaw0, yaw1) - low
-    size = abs(increment_rad)
-    offset = low - first_bearing_rad if increment_rad > 0.0 else first_bearing_rad - low - width
-    offset -= _TWO_PI * math.floor(offset / _TWO_PI)
     shares = 1.0 / max(n_beams - 1, 1)
     for turn in range(2):
-        base = offset - turn * _TWO_PI
-        begin = max(int(math.ceil(base / size - 1e-6)), 0)
-        end = min(int(math.floor((base + width) / size + 1e-6)), n_beams - 1)
-        for k in range(begin, end + 1):
+        begin, end = _beams_towards(low, width, first_bearing_rad, increment_rad, n_beams, turn)
+        for k in range(begin, end):
             s = k * shares
             x, y = x0 + s * (x1 - x0), y0 + s * (y1 - y0)
             dx, dy = directions[k, 0], directions[k, 1]
@@ -250,6 +240,19 @@ def _cast_circle(
             ranges[k] = reach
             hits[k] = number
             cosines[k] = math.sqrt(inside) / radius
+
+
+@kernel
+def _beams_towards(
+    low: float, width: float, first_bearing_rad: float, increment_rad: float, n_beams: int, turn: int
+) -> tuple[int, int]:
+    """First beam, and the one after the last, that point between angles low and low + width in a turn of a sweep."""
+    size = abs(increment_rad)
+    offset = low - first_bearing_rad if increment_rad > 0.0 else first_bearing_rad - low - width
+    base = offset - _TWO_PI * math.floor(offset / _TWO_PI) - turn * _TWO_PI
+    begin = max(int(math.ceil(base / size - 1e-6)), 0)
+    end = min(int(math.floor((base + width) / size + 1e-6)), n_beams - 1)
+    return begin, end + 1
 
 
 @kernel

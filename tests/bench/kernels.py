@@ -26,7 +26,6 @@ from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import read_tum
 from dynmap_cli.kernels.em import look_up
 from dynmap_cli.kernels.jit import kernel
-from dynmap_cli.kernels.rays import cells_on_ray
 from dynmap_cli.localization.sensing.beam_model import scan_beam_log_likelihoods, with_beam_model
 from dynmap_cli.localization.sensing.map_pool import make_map_pool
 from dynmap_cli.localization.sensing.sensor import Sweep, scan_log_likelihoods
@@ -37,6 +36,7 @@ from dynmap_cli.simulation import load_scenario, simulate
 from tests.bench import beams, real_logs
 from tests.bench.localization import sample
 from tests.bench.measured import run, stage_seconds, summary_of
+from tests.bench.rays import cells_on_ray
 from tests.bench.reading import reading_rows
 from tests.bench.tables import Row, Table
 from tests.bench.worlds import Bench, truth_folder

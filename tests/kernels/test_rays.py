@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynmap_cli.kernels.rays import cells_on_ray
+from tests.bench.rays import cells_on_ray
 
 inside = st.floats(0.0, 20.0, exclude_max=True)
 

@@ -35,8 +35,8 @@ def cells_on_ray(
     """
     dx, dy = x1 - x0, y1 - y0
     length = math.sqrt(dx * dx + dy * dy)
-    col, row = int(math.floor(x0)), int(math.floor(y0))
-    end_col, end_row = int(math.floor(x1)), int(math.floor(y1))
+    col, row = math.floor(x0), math.floor(y0)
+    end_col, end_row = math.floor(x1), math.floor(y1)
     step_col = 1 if dx > 0 else -1
     step_row = 1 if dy > 0 else -1
     next_x = ((col + (dx > 0)) - x0) / dx if dx != 0.0 else math.inf
