@@ -30,8 +30,9 @@ _JUMP_M = 1.0
 """No line is drawn between consecutive scans further apart: the robot was found elsewhere."""
 _RADIUS = 7
 _MARGIN_M = 1.0
-_RING_M, _RING_PIXELS = 0.5, 14
-"""A place that changed is known to half a metre; its ring is never smaller than can be seen."""
+_RING_M, _RING_PIXELS, _MOST_NAMED = 0.5, 14, 5
+"""A place that changed is known to half a metre; its ring is never smaller than can be seen. As on the terminal, those
+that were seen most often are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +155,11 @@ class _LocalizationPicture(MapPicture):
         for submap in submaps:
             colour = _NEVER_SEEN if submap.patch is None else colour_of_submap(submap.patch_set.submap_id)
             labels.append(Label(submap.label, self._draw_box(pen, submap.patch_set.frame, colour), colour))
-        for place in places:
-            labels.append(Label(_called(place), self._mark_changed(pen, place), COLOURS["changed"]))
+        rings = [self._mark_changed(pen, place) for place in places]
+        labels += [
+            Label(_called(place), ring, COLOURS["changed"])
+            for place, ring in zip(places[:_MOST_NAMED], rings, strict=False)
+        ]
         draw_labels(image, labels)
         words = [
             ("path:", INK),

@@ -29,7 +29,9 @@ from dynmap_cli.report.ink import (
 from dynmap_cli.report.labels import Box, Label, above_legend, draw_labels
 
 _TARGET_PIXELS, _MOST_PIXELS = 1700, 2400
-_TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TEXT_PIXELS, _TILES_PER_ROW = 170, 12, 12, 15, 6
+_ROW_PIXELS, _TILE_PIXELS, _MOST_ZOOM, _GAP_PIXELS, _TILES_PER_ROW = 1200, 280, 20, 16, 6
+"""States of a sub-map: width of a row of tiles, height of a tile, pixels per cell at most."""
+_STATE_FONT, _TEXT_PIXELS, _LEAST_STEP = 15, 20, 150
 _SCALE_PIXELS, _MARGIN_PIXELS = 36, 10
 _FEW, _FEW_PIXELS = 500, 4
 """So few removed beams are drawn larger, or nobody finds them on a large map."""
@@ -128,17 +130,17 @@ class MapPicture:
 def draw_states(patch_set: PatchSet) -> Image.Image:
     """Draw the states of a sub-map beside one another; cells that change and reflect are red."""
     rows, cols = patch_set.frame.shape
-    zoom = max(1, min(_MOST_ZOOM, _TILE_PIXELS // max(rows, cols)))
-    step_x = max(cols * zoom, 110) + _GAP_PIXELS
-    step_y = rows * zoom + _TEXT_PIXELS + _GAP_PIXELS
     count = len(patch_set.patches)
     per_row = min(count, _TILES_PER_ROW)
+    zoom = max(1, min(_MOST_ZOOM, _TILE_PIXELS // rows, _ROW_PIXELS // per_row // cols))
+    step_x = max(cols * zoom, _LEAST_STEP) + _GAP_PIXELS
+    step_y = rows * zoom + _TEXT_PIXELS + _GAP_PIXELS
     sheet = Image.new("RGB", (per_row * step_x, math.ceil(count / per_row) * step_y), (255, 255, 255))
     pen = ImageDraw.Draw(sheet)
     for number, patch in enumerate(patch_set.patches):
         left, top = number % per_row * step_x, number // per_row * step_y
         visits = f"{patch.support} visit{'s' * (patch.support != 1)}"
-        pen.text((left, top), f"state {patch.patch_id}: {visits}", fill=INK, font=font_of(12))
+        pen.text((left, top), f"state {patch.patch_id}: {visits}", fill=INK, font=font_of(_STATE_FONT))
         tile = Image.fromarray(
             state_tile(patch.reflectance, patch_set).repeat(zoom, axis=0).repeat(zoom, axis=1)
         )

@@ -1,4 +1,4 @@
-"""RESULTS.md and the short form in the README: what is written anew, and what is kept from earlier runs."""
+"""RESULTS.md and its short form, in docs/measured.md and in part in the README: what is written, and what is kept."""
 
 from __future__ import annotations
 
@@ -10,6 +10,27 @@ from tests.bench import machine
 from tests.bench.tables import Table
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
+HEADLINES = (
+    "Intel, odometry as recorded",
+    "fr079, odometry as recorded",
+    "CSAIL, odometry as recorded",
+    "CSAIL, odometry made worse",
+    "a third of the beams on people, ATE, worst of worlds and seeds",
+    "patrol of two hours, ATE",
+    "Intel and Seattle, beams called dynamic, worst",
+    "beams in 20 worlds, mean, dynmap",
+    "beams in 20 worlds, mean, plain counting map",
+    "beams in 20 worlds, mean, the paper to the letter",
+    "ATE in 20 worlds",
+    "states, office_days",
+    "several drives in one map",
+    "localization, only_doors",
+    "localization, office_days",
+    "localization, Intel, mapped from the first half",
+    "peer: yag-slam, Intel and others",
+    "peer: amcl, two_doors, 1 and others",
+)
+"""Rows of the short form that the README shows too, good and bad ones."""
 _BEGIN, _END = "<!-- bench:begin -->", "<!-- bench:end -->"
 _SECTION = re.compile(r"<!-- (?P<name>[a-z]+):begin -->\n.*?<!-- (?P=name):end -->\n", re.DOTALL)
 
@@ -53,16 +74,28 @@ def with_section(old: str, name: str, new: str) -> str:
     return _SECTION.sub(lambda match: new if match["name"] == name else match.group(), old)
 
 
-def rewrite_short_form(readme: Path, tables: Sequence[Table]) -> None:
-    """Replace what is between the markers in the README."""
-    text = readme.read_text(encoding="utf-8")
+def rewrite_short_forms(project: Path, tables: Sequence[Table]) -> None:
+    """Replace what is between the markers: all rows in docs/measured.md, those that matter most in the README."""
     rows = [pair for table in tables for pair in table.short]
+    rewrite_between_markers(project / "docs" / "measured.md", rows)
+    rewrite_between_markers(project / "README.md", [row for row in rows if row[0] in HEADLINES])
+
+
+def rewrite_between_markers(page_path: Path, rows: Sequence[tuple[str, str]]) -> None:
+    """Replace the table of a page that is kept by hand but for it."""
+    text = page_path.read_text(encoding="utf-8")
     lines = ["| what | result |", "|---|---|", *(f"| {what} | {result} |" for what, result in rows)]
-    if _BEGIN not in text or _END not in text:
-        text += f"\n## Measured\n\n{_BEGIN}\n{_END}\n"
     head, _, rest = text.partition(_BEGIN)
     _, _, tail = rest.partition(_END)
-    readme.write_text("\n".join([head + _BEGIN, *lines, _END + tail]), encoding="utf-8")
+    page_path.write_text("\n".join([head + _BEGIN, *lines, _END + tail]), encoding="utf-8")
+
+
+def short_rows(page_path: Path) -> list[tuple[str, str]]:
+    """Rows of the table of a page: what was measured, and the result."""
+    _, _, rest = page_path.read_text(encoding="utf-8").partition(_BEGIN)
+    lines = rest.partition(_END)[0].strip().splitlines()[2:]
+    pairs = [line.strip("| ").split(" | ", 1) for line in lines]
+    return [(what, result) for what, result in pairs]
 
 
 def _measured_on(minutes: float, *, is_quick: bool = False) -> list[str]:

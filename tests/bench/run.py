@@ -1,4 +1,4 @@
-"""`make bench`: runs the tables and writes RESULTS.md and the short form in the README.
+"""`make bench`: runs the tables and writes RESULTS.md and its short forms in docs/measured.md and the README.
 
 Run it from anywhere: `python tests/bench/run.py`. Tables that take long are only made when `--only` names one of
 them alone; each has a section of its own in RESULTS.md, which stays until it is measured again. Recordings of others
@@ -45,7 +45,7 @@ from tests.bench import (
     verdict,
 )
 from tests.bench.measured import PROJECT, Jobs, dynmap
-from tests.bench.results import RESULTS, page, rewrite_short_form, section, with_section, with_sections_of
+from tests.bench.results import RESULTS, page, rewrite_short_forms, section, with_section, with_sections_of
 from tests.bench.tables import Table
 from tests.bench.worlds import Bench
 
@@ -98,7 +98,7 @@ def main() -> int:
     if not options.quick and options.only == list(TABLES):
         text = page(tables, minutes)
         RESULTS.write_text(with_sections_of(text, old), encoding="utf-8")
-        rewrite_short_form(PROJECT / "README.md", tables)
+        rewrite_short_forms(PROJECT, tables)
     elif not options.quick and len(options.only) == 1 and options.only[0] in LONG_TABLES:
         text = section(options.only[0], tables, minutes)
         RESULTS.write_text(with_section(old, options.only[0], text), encoding="utf-8")

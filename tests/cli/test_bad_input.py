@@ -52,6 +52,11 @@ def test_an_empty_recording(refused, small, tmp_path, verb):
     assert "empty.mcap" in refused(RECORDING, *verb, empty, "-o", small.run_dir, "--force", "-q")
 
 
+def test_a_run_in_the_place_of_a_recording(refused, small, tmp_path):
+    line = refused(RECORDING, "build", small.run_dir, "-o", tmp_path / "out", "-q")
+    assert f"{small.run_dir}: a run directory, which dynmap made of recordings, and none itself" in line
+
+
 def test_a_folder_without_recordings(refused, small, tmp_path):
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "notes.txt").write_text("nothing here\n")

@@ -4,6 +4,9 @@ import json
 import re
 from pathlib import Path
 
+from tests.bench.results import HEADLINES, rewrite_short_forms, short_rows
+from tests.bench.tables import Table
+
 PROJECT = Path(__file__).parents[2]
 README = (PROJECT / "README.md").read_text(encoding="utf-8")
 OUTPUTS = (PROJECT / "docs" / "outputs.md").read_text(encoding="utf-8")
@@ -56,6 +59,20 @@ def anchors(page):
     """Places of a page that a link may name."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
+
+
+def test_measured_rows_of_the_readme_are_those_of_the_page_and_are_written_as_they_stand(tmp_path):
+    every = short_rows(PROJECT / "docs" / "measured.md")
+    shown = short_rows(PROJECT / "README.md")
+    assert shown == [row for row in every if row[0] in HEADLINES]
+    assert len(shown) == len(HEADLINES) < len(every)
+    for folder in (tmp_path, tmp_path / "docs"):
+        folder.mkdir(exist_ok=True)
+    for name in ("README.md", "docs/measured.md"):
+        (tmp_path / name).write_bytes((PROJECT / name).read_bytes())
+    rewrite_short_forms(tmp_path, [Table("", [], [], short=every)])
+    for name in ("README.md", "docs/measured.md"):
+        assert (tmp_path / name).read_bytes() == (PROJECT / name).read_bytes()
 
 
 def test_the_lines_of_the_terminal_are_those_that_are_printed(corridor):

@@ -8,7 +8,12 @@ import pytest
 from dynmap_cli.domain.poses import Trajectory
 from dynmap_cli.localization.found import HealthRow, Localization
 from dynmap_cli.localization.summary import summarize
-from dynmap_cli.localization.watching.changes import changed_line, changed_places, is_another_place
+from dynmap_cli.localization.watching.changes import (
+    changed_line,
+    changed_places,
+    is_another_place,
+    places_to_update,
+)
 from dynmap_cli.localization.watching.health import ScanHealth
 from dynmap_cli.localization.watching.places import Place
 
@@ -38,6 +43,7 @@ def test_updates_in_one_place_are_counted_together_and_the_worst_is_named():
         "70 % of the run in changed surroundings, worst: the object at (3.5, 4.2) m (t = 6.0 s, 30 % of the beams); "
         "a map update is advised for the object at (3.5, 4.2) m"
     )
+    assert places_to_update(rows) == [first]
 
 
 def test_a_sub_map_is_a_place_of_its_own():
@@ -72,6 +78,7 @@ def test_particles_in_two_places_that_look_alike_do_not_contradict_the_map():
 
 def test_no_update_is_advised_for_the_map_of_another_place():
     assert changed_line([row(k, "changed", BOX, 0.1, lost=3.0) for k in range(9)], 0) == ""
+    assert places_to_update([row(k, "changed", BOX, 0.1, lost=3.0) for k in range(9)]) == []
 
 
 @pytest.mark.parametrize(("n_wrong", "is_other"), [(0, False), (2, True)])
@@ -83,3 +90,13 @@ def test_scripts_are_told_by_a_word_of_the_summary(n_wrong, is_other):
     summary = summarize(found, [], {})
     assert summary["another_place"] is is_other
     assert (summary["tracking"], summary["changed"], summary["lost"]) == (1.0, 0.0, 0.0)
+
+
+def test_scripts_are_told_where_the_map_is_out_of_date():
+    rows = [row(k, "changed", place, 0.1) for k in range(6) for place in (BOX, DOOR)]
+    path = Trajectory(np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
+    found = Localization(path, poses=[], states=[], health=rows, searches=[], clouds=[], warnings=[])
+    assert summarize(found, [], {})["places_to_update"] == [
+        {"kind": "object", "submap": None, "x_m": 3.0, "y_m": 4.0, "updates": 6},
+        {"kind": "sub-map", "submap": 7, "x_m": DOOR.x_m, "y_m": DOOR.y_m, "updates": 6},
+    ]

@@ -24,7 +24,7 @@ from dynmap_cli.files.scan_log import write_scan_log
 from dynmap_cli.files.submaps import write_submaps
 from dynmap_cli.report.curves import _legend
 from dynmap_cli.report.filtering import side_by_side
-from dynmap_cli.report.pictures import MapPicture
+from dynmap_cli.report.pictures import MapPicture, draw_states
 from dynmap_cli.report.stage import _removed_ends, run
 from dynmap_cli.stage import StageContext
 
@@ -191,6 +191,16 @@ def test_the_scale_stands_below_the_map():
     assert (below == 32).any()
     assert (below == 255).any()
     assert (below[:, [0, -1]] == 255).all()
+
+
+@pytest.mark.parametrize(("rows", "cols", "least"), [(25, 10, (200, 200)), (19, 94, (1100, 100))])
+def test_states_are_drawn_as_large_as_a_page_has_room(rows, cols, least):
+    frame = GridFrame(0.05, 0.0, 0.0, rows, cols)
+    patches = tuple(Patch(k, 1, np.zeros((rows, cols), dtype=np.float32)) for k in range(2))
+    image = draw_states(PatchSet(0, frame, np.zeros((rows, cols), dtype=bool), patches, 0.9))
+    assert image.width > least[0]
+    assert image.height > least[1]
+    assert image.width <= 1240
 
 
 def test_titles_of_narrow_pictures_are_not_cut():

@@ -107,6 +107,9 @@ def find_sources(path: Path, scratch: Path, limit_bytes: int) -> list[Source]:
             return find_sources(bags[0], scratch, limit_bytes)
         names = ", ".join(bag.name for bag in bags[:5])
         inside = f" It holds {len(bags)} bag folders ({names}): pass those you mean." if bags else ""
+        if (path / "run.yaml").is_file():
+            msg = f"{path}: a run directory, which dynmap made of recordings, and none itself. Pass those."
+            raise LogError(msg)
         msg = f"{path}: a folder without recordings and without metadata.yaml. Known are: {KNOWN}.{inside}"
         raise LogError(msg)
     return _sources_of_files(files, lost, scratch, limit_bytes)
