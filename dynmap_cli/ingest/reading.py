@@ -150,7 +150,7 @@ def _merge_drive(
         has_odometry=bool(known_rows(poses).any()),
     )
     refuse_frozen(columns, odometry.path_m, joined.name)
-    refuse_two_lasers(columns, joined.name)
+    refuse_two_lasers(columns, joined)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
