@@ -50,6 +50,7 @@ from dynmap_cli.ingest.choices.odometry_sources import Odometry, find_candidates
 from dynmap_cli.ingest.choices.own_body import mask, unused_sectors
 from dynmap_cli.ingest.choices.ranges import NoReturn, apply_no_return, judge_no_return
 from dynmap_cli.ingest.choices.renamed import join_renamed
+from dynmap_cli.ingest.choices.repeats import drop_repeats
 from dynmap_cli.ingest.choices.restarts import join_restarts
 from dynmap_cli.ingest.choices.robot_frames import find_base
 from dynmap_cli.ingest.choices.two_robots import part_tracks, refuse_two_lasers
@@ -150,7 +151,7 @@ def _merge_drive(
         has_odometry=bool(known_rows(poses).any()),
     )
     refuse_frozen(columns, odometry.path_m, joined.name)
-    refuse_two_lasers(columns, joined.name)
+    refuse_two_lasers(columns, joined)
     note_shared_stamps(columns, joined)
     note_track(joined, odometry.source)
     note_odometry(columns, poses, joined)
@@ -211,6 +212,7 @@ def load_recordings(
         if settings.strict and recording.damage:
             raise damage_refused(recording)
         mend_units(recording)
+        drop_repeats(recording)
         mend_clock_steps(recording)
         join_set_clocks(recording)
         laser = most_used(recording.lasers.values())

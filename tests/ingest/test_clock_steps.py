@@ -135,6 +135,19 @@ def test_a_slow_program_that_drops_what_waits_is_no_clock_that_was_set(which, fi
     np.testing.assert_allclose(log.odometry[is_known], world.poses[at[is_known]], atol=1e-6)
 
 
+@pytest.mark.parametrize("late_s", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("first", [30, 60, 80])
+def test_a_late_recorder_that_drops_what_waits_of_all_sources_is_no_clock_that_was_set(
+    first, late_s, tmp_path
+):
+    world = Flushed(late_s=late_s, first=first, which=SOURCES["all"])
+    log, report = read(tmp_path, world)
+    assert not clock_warnings(report)
+    at = np.searchsorted(world.stamps_ns, log.stamps_ns)
+    np.testing.assert_array_equal(log.stamps_ns, world.stamps_ns[at])
+    np.testing.assert_allclose(log.odometry, world.poses[at], atol=1e-6)
+
+
 @pytest.mark.parametrize("which", ["laser", "odometry"])
 def test_where_nothing_turns_stamps_of_a_late_program_stay_and_that_is_said(which, tmp_path):
     class Straight(Flushed):
@@ -225,3 +238,20 @@ def test_a_laser_that_goes_on_twice_as_often_is_not_taken_for_a_clock_that_was_s
     log, report = read(tmp_path, Faster())
     assert not clock_warnings(report)
     assert log.n_scans > 80
+
+
+@pytest.mark.parametrize("first", [60, 61, 62, 63])
+@pytest.mark.parametrize("back_s", [0.4, 0.5, 0.65])
+def test_a_clock_of_everything_that_was_set_back_by_little_is_told_with_few_scans(back_s, first, tmp_path):
+    class Seldom(Late):
+        def messages(self):
+            for number, message in enumerate(super().messages()):
+                # Every other scan: five in a second.
+                if message[0] != "/scan" or number % 2:
+                    yield message
+
+    world = Seldom()
+    world.moved_ns = lambda topic, number: (round(-back_s * 1e9) * (number >= first),) * 2
+    _, report = read_recordings([write_bag1(tmp_path / "log.bag", world)], IngestSettings())
+    (line,) = clock_warnings(report)
+    assert "the clock was set while it was made: /scan jumps by -0." in line

@@ -76,6 +76,47 @@ def test_an_odometry_that_is_reset_once_has_one_track(tmp_path):
     assert not any("two tracks" in line for line in report.warnings)
 
 
+def test_tracks_are_told_where_the_messages_of_each_robot_come_in_bursts(tmp_path):
+    world = Room(with_tf=False, with_odometry=False)
+    other = np.column_stack([world.poses[:, 0] * 0.5, world.poses[:, 1] - 9.0, np.linspace(0.0, 2.0, 120)])
+    both = []
+    for number, poses in enumerate((world.poses, other)):
+        for topic, kind, stamp_ns, fields in messages_of("/odom", world, poses, 30_000_000 * number):
+            burst_ns = 20 * PERIOD_NS * ((stamp_ns - world.start_ns) // (20 * PERIOD_NS))
+            both.append((topic, kind, world.start_ns + burst_ns + 10**9 * number, fields))
+    world.extra = [mounted(world), *sorted(both, key=lambda message: message[2])]
+    log, report = read(tmp_path, world)
+    assert any("jump between two tracks, 9.0 m apart" in line for line in report.warnings)
+    off = log.odometry - world.poses[-log.n_scans :]
+    assert np.abs(off[np.isfinite(off).all(axis=1)]).max() < 0.1
+
+
+@pytest.mark.parametrize("every", [5, 7, 10])
+def test_that_a_second_robot_sends_scans_now_and_then_is_said(every, tmp_path):
+    world = Room()
+    for number in range(3, world.n_scans, every):
+        stamp_ns = int(world.stamps_ns[number]) + PERIOD_NS // 2
+        fields = scan(world, stamp_ns, np.roll(world.ranges_m[number // 4], 40))
+        world.extra.append(("/scan", SCAN, stamp_ns + 1000, fields))
+    _, report = read(tmp_path, world)
+    assert any(
+        "a second robot or laser publishes on the topic now and then" in line for line in report.warnings
+    )
+
+
+@pytest.mark.parametrize("every", [5, 10, 20])
+def test_scans_with_stamps_of_others_are_no_second_robot(every, tmp_path):
+    world = Room()
+    late = {number: number + 4 for number in range(3, world.n_scans - 5, every)}
+
+    def change(number, fields):
+        fields["ranges"] = world.ranges_m[late.get(number, number)]
+
+    world.change = change
+    _, report = read(tmp_path, world)
+    assert not any("second robot" in line for line in report.warnings)
+
+
 def test_scans_of_two_robots_in_turn_are_refused(tmp_path):
     world, far = Room(), Room(skipped=60)
     world.extra = [

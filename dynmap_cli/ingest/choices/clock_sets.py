@@ -1,7 +1,8 @@
 """Recordings while which the clock was set: what is stamped before and after is put on one clock.
 
 Nobody knows how long it really took; in the order of recording the next sweep comes one period later. Odometry and
-transforms whose stamps jump by as much at their place in that order are moved alike.
+transforms whose stamps jump by as much at their place in that order are moved alike. Where messages only stand in the
+wrong order, as rows of a damaged database may, they fit together in order of time, and nothing is moved.
 """
 
 from __future__ import annotations
@@ -14,14 +15,15 @@ import numpy as np
 from dynmap_cli.arrays import I64
 from dynmap_cli.ingest.choices.merging import period_s_of
 from dynmap_cli.ingest.raw.columns import ascends, steps_in
-from dynmap_cli.ingest.raw.laser import RawLaser, most_used
+from dynmap_cli.ingest.raw.laser import LONGEST_REACH_M, RawLaser, most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 
 _BACK_NS, _FORTH_NS = -5 * 10**9, 7 * 86_400 * 10**9
 _ALIKE_NS = 5 * 10**9
 _LEAST_SCANS, _MOST_JUMPS = 10, 4
 LEAST_BACK_NS = -(10**8)
-_TWICE_AS_OFTEN, _USUAL_QUANTILE, _LEAST_MIXED = 0.7, 0.9, 4
+_TWICE_AS_OFTEN, _USUAL_QUANTILE, _LEAST_MIXED = 0.7, 0.9, 3
+_LONGEST_SEAM_NS = 5 * 10**9
 
 
 class _Sets(NamedTuple):
@@ -41,6 +43,11 @@ class _Sets(NamedTuple):
     jumps_ns: list[int]
     shifts_ns: I64
 
+    @property
+    def told(self) -> str:
+        """By how much it was set each time."""
+        return ", ".join(f"{jump_ns * 1e-9:+.3f} s" for jump_ns in self.jumps_ns)
+
     def moved(self, times_ns: I64, cuts: Sequence[int]) -> I64:
         """Times (n,) of a source, that jump before the given numbers, on one clock."""
         parts = zip(np.split(times_ns, cuts), self.shifts_ns, strict=True)
@@ -54,6 +61,15 @@ def join_set_clocks(recording: RawRecording) -> None:
         return
     found = _sets_of(laser.stamps_ns, _jumps_of(laser.stamps_ns))
     if found is None:
+        return
+    if _stand_out_of_order(laser, np.array(found.cuts)):
+        for source in _moving(recording):
+            if not ascends(source.stamps_ns):
+                source.keep(np.argsort(source.stamps_ns, kind="stable"))
+        recording.warnings.append(
+            f"{file_name(recording.name)}: its messages do not stand in the order of time: {laser.name} jumps by "
+            f"{found.told}, and so do the times of recording; they are put in order by their stamps"
+        )
         return
     for source in _moving(recording):
         cuts = found.cuts if source is laser else _cuts_of(source.stamps_ns, found.jumps_ns)
@@ -128,11 +144,38 @@ def _sets_of(times_ns: I64, cuts: I64) -> _Sets | None:
     return _Sets(cuts.tolist(), jumps_ns, shifts_ns)
 
 
+def _stand_out_of_order(laser: RawLaser, cuts: I64) -> bool:
+    """Whether the sweeps go on in order of time, without overlap or a long pause, at least as they do as written.
+
+    What a clock stamps that was set back lies over what it stamped before, or anywhere, but not right in front of it.
+    """
+    stamps_ns, logged_ns = laser.stamps_ns, laser.logged_ns
+    jumps_ns = stamps_ns[cuts] - stamps_ns[cuts - 1]
+    apart_ns = logged_ns[cuts] - logged_ns[cuts - 1] - jumps_ns
+    if (np.abs(apart_ns) > _ALIKE_NS).any() or not (jumps_ns < 0).all():
+        return False
+    order = np.argsort(stamps_ns, kind="stable")
+    part = np.searchsorted(cuts, order, side="right")
+    seams = np.flatnonzero(np.diff(part)) + 1
+    before, after = order[seams - 1], order[seams]
+    if seams.size > 2 * cuts.size or (stamps_ns[after] - stamps_ns[before] > _LONGEST_SEAM_NS).any():
+        return False
+    return _change_m(laser, before, after) <= _change_m(laser, cuts - 1, cuts)
+
+
+def _change_m(laser: RawLaser, before: I64, after: I64) -> float:
+    """Median change of the ranges of sweeps to those of others, metres, each (n,) numbers."""
+    ranges_m = np.zeros((2, before.size, int(laser.lengths_counted[0][-1])), dtype=np.float32)
+    for table, numbers in zip(ranges_m, (before, after), strict=True):
+        laser.fill(table, numbers)
+    ranges_m[~(np.abs(ranges_m) < LONGEST_REACH_M)] = LONGEST_REACH_M
+    return float(np.median(np.abs(ranges_m[1] - ranges_m[0])))
+
+
 def _say(recording: RawRecording, laser: RawLaser, found: _Sets) -> None:
     """Say by how much the clock was set."""
-    told = ", ".join(f"{jump_ns * 1e-9:+.3f} s" for jump_ns in found.jumps_ns)
     recording.warnings.append(
-        f"{file_name(recording.name)}: the clock was set while it was made: {laser.name} jumps by {told}; its "
+        f"{file_name(recording.name)}: the clock was set while it was made: {laser.name} jumps by {found.told}; its "
         "stamps are moved to the clock of most scans, as if no time had passed there"
     )
 

@@ -2,7 +2,8 @@
 
 From one message to the next the stamps of a source step by more or less than the times of recording, which go on as
 before, and the delay from stamp to recording stays at its new level. Where the delay grows, no slow program does that,
-for its stamps go on. Where it shrinks, a slow program may have dropped what waited: then the turns of the sweeps tell.
+for its stamps go on. Where it shrinks, a slow program may have dropped what waited: then the turns of the
+sweeps tell, or the way of the odometry where all that is recorded steps at once, as where the recorder was late.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from dynmap_cli.arrays import I64
-from dynmap_cli.ingest.choices.clock_evidence import Fit, best_fit, fit_of_laser, fit_of_track
+from dynmap_cli.ingest.choices.clock_evidence import (
+    Fit,
+    best_fit,
+    fit_of_laser,
+    fit_of_track,
+    share_of_pace,
+)
 from dynmap_cli.ingest.choices.clock_offsets import Source, delay_of, stamped_sources
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.laser import RawLaser, most_used
@@ -24,6 +31,7 @@ from dynmap_cli.ingest.raw.recording import RawRecording, file_name
 _LEAST_STEP_S, _MOST_OFF = 0.2, 0.25
 _LEAST_MESSAGES, _LOOKED_AT, _MOST_STEPS, _MOST_LOOKS = 10, 20, 4, 200
 _AT_ONCE_S, _LONGEST_QUEUE_S = 2.0, 60.0
+_SURELY_SET, _SURELY_LATE = 0.4, 0.6
 
 
 class _Parts(NamedTuple):
@@ -110,7 +118,11 @@ def mend_clock_steps(recording: RawRecording) -> None:
         for name, source in sources.items()
         if not cuts[name].size and source.stamps_ns.size >= 2 * _LEAST_MESSAGES
     ]
-    doubtful = [] if not steady else [one for group in _groups(steps) for one in _doubtful(group, steady)]
+    groups = _groups(steps)
+    if not steady and len(groups) == 1:
+        doubtful = _doubtful_together(groups[0])
+    else:
+        doubtful = [one for group in groups for one in _doubtful(group, steady)] if steady else []
     moved = [one for one in steps if one.shifts_ns.any()]
     for one in moved:
         one.source.stamps_ns = one.source.stamps_ns + np.repeat(one.shifts_ns, one.parts.sizes)
@@ -123,7 +135,7 @@ def mend_clock_steps(recording: RawRecording) -> None:
     if doubtful:
         recording.warnings.append(
             f"{name}: {_told(doubtful)} against the times of recording; whether the clock was set or messages that "
-            "waited were lost is not told by the turns of the sweeps: these stamps stay as they are"
+            "waited were lost is not told by how the robot moved: these stamps stay as they are"
         )
 
 
@@ -173,6 +185,25 @@ def _doubtful(group: Sequence[_Steps], steady: Sequence[Source]) -> list[_Steps]
         for one in moving:
             one.shifts_ns[number] = 0
     return [one for one in group if any(one is other for other in doubtful)]
+
+
+def _doubtful_together(group: Sequence[_Steps]) -> list[_Steps]:
+    """Leave all as stamped where a late recorder lost what waited; returns those of which that is not told."""
+    steps_ns = np.concatenate([one.steps_ns for one in group])
+    if not ((steps_ns > 0) & (steps_ns < _LONGEST_QUEUE_S * 1e9)).all():
+        return []
+    shares = [
+        share_of_pace(one.source, cut)
+        for one in group
+        if not isinstance(one.source, RawLaser)
+        for cut in one.edges[1:-1].tolist()
+    ]
+    known = [share for share in shares if np.isfinite(share)]
+    if known and max(known) < _SURELY_SET:
+        return []
+    for one in group:
+        one.shifts_ns[:] = 0
+    return [] if known and max(known) > _SURELY_LATE else [*group]
 
 
 def _told(steps: Sequence[_Steps]) -> str:

@@ -1,4 +1,7 @@
-"""Two robots on one topic: odometry whose poses jump between two tracks is parted, sweeps that do so are refused."""
+"""Two robots on one topic: odometry whose poses jump between two tracks is parted, sweeps that do so are refused.
+
+Where one of them sends far fewer sweeps, that is said: such a one is seen alone, and again some sweeps later.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ from dynmap_cli.domain.poses import interpolate
 from dynmap_cli.errors import LogError
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.tracks import moving_tracks, places_of, poses_of
-from dynmap_cli.ingest.raw.columns import spans
-from dynmap_cli.ingest.raw.recording import RawRecording, sorted_by_stamp
+from dynmap_cli.ingest.raw.columns import ascends, spans
+from dynmap_cli.ingest.raw.recording import RawRecording, file_name, sorted_by_stamp
 from dynmap_cli.ingest.seen_motion.agreement import agreement
 from dynmap_cli.ingest.seen_motion.turns import ReferenceLaser, ScanTurns
 
@@ -21,16 +24,24 @@ _LEAST_JUMPS, _MOST_STEPS_PER_JUMP = 10, 20
 _CLEARLY = 0.7
 _CHANGED_M, LEAST_ALTERNATING, _LEAST_SCANS = 0.2, 0.3, 20
 _FARTHEST_M = 10.0
+_RETURNS_WITHIN, _OTHER_SHARE, _LEAST_RETURNING = 64, 0.7, 0.03
 _MOST_LOOKED_AT, _LOOKED_AT_ONCE, _BEAMS_LOOKED_AT = 256, 16, 90
 
 
 def part_tracks(recording: RawRecording, reference: ReferenceLaser | None) -> None:
-    """Keep one of the two tracks between which poses jump: that which turns as the sweeps do, if that can be told."""
+    """Keep one of the two tracks between which poses jump: that which turns as the sweeps do, if that can be told.
+
+    Poses are looked at in the order of their stamps: some reach a recorder late.
+    """
     for name, source in moving_tracks(recording):
-        apart_m = _apart_m(places_of(source))
+        places = places_of(source)
+        order = None if ascends(source.stamps_ns) else np.argsort(source.stamps_ns, kind="stable")
+        apart_m = _apart_m(places if order is None else places[order])
         source.give_back()
         if apart_m is None or reference is None:
             continue
+        if order is not None:
+            source.keep(order)
         poses = poses_of(source)
         is_first = _first_track(poses)
         off_rad = [
@@ -95,8 +106,8 @@ def _off_rad(turns: ScanTurns, stamps_ns: I64, poses: F64) -> float:
     return min(found.same_rad, found.opposite_rad)
 
 
-def refuse_two_lasers(columns: Columns, name: str) -> None:
-    """Refuse sweeps that show two places in turn; some hundreds, spread over all of them, tell.
+def refuse_two_lasers(columns: Columns, recording: RawRecording) -> None:
+    """Refuse sweeps that show two places in turn, and say where few of them do; some hundreds, evenly spread, tell.
 
     Raises
     ------
@@ -107,27 +118,50 @@ def refuse_two_lasers(columns: Columns, name: str) -> None:
         return
     starts = np.linspace(0, n_scans - 4, min(_MOST_LOOKED_AT, n_scans - 3)).astype(np.int64)
     every = max(1, n_beams // _BEAMS_LOOKED_AT)
-    n_alternating = 0
+    n_alternating = n_returning = 0
     for first in range(0, starts.size, _LOOKED_AT_ONCE):
         looks = starts[first : first + _LOOKED_AT_ONCE, None] + np.arange(4)
         is_alternating = alternates(columns.ranges_m[looks, ::every], columns.geometry_index[looks])
         n_alternating += int(np.count_nonzero(is_alternating))
+        n_returning += sum(
+            _returns(columns.ranges_m[one : one + _RETURNS_WITHIN, ::every])
+            for one in looks[is_alternating, 0].tolist()
+        )
         # Of a mapped table a system may hold far more than the rows that were read.
         give_back(columns.ranges_m)
     share = n_alternating / starts.size
     if share > LEAST_ALTERNATING:
         msg = (
-            f"{name}: after {100 * share:.0f} % of the scans the next one shows another place and one of the two after "
-            "it this one again, as where two robots or lasers publish on one topic under one frame, or the clock was "
-            "set back while recording. Record each on a topic of its own and with a steady clock, or pass another "
-            "--scan-topic."
+            f"{recording.name}: after {100 * share:.0f} % of the scans the next one shows another place and one of "
+            "the two after it this one again, as where two robots or lasers publish on one topic under one frame, or "
+            "the clock was set back while recording. Record each on a topic of its own and with a steady clock, or "
+            "pass another --scan-topic."
         )
         raise LogError(msg)
+    if n_returning > _LEAST_RETURNING * starts.size:
+        recording.warnings.append(
+            f"{file_name(recording.name)}: {100 * share:.0f} % of the scans show another place than those around them, "
+            "and the same one again and again, as where a second robot or laser publishes on the topic now and then; "
+            "they are used as they are. Record each on a topic of its own, or pass another --scan-topic"
+        )
+
+
+def _returns(ranges_m: F32) -> bool:
+    """Whether the second of some sweeps (n, n_beams), unlike the first, is seen again later, between two unlike it."""
+    values = _clipped(ranges_m)
+    change_m = np.median(np.abs(values - values[1]), axis=1)
+    is_same, is_other = change_m < _BACK_SHARE * change_m[0], change_m > _OTHER_SHARE * change_m[0]
+    return bool((is_other[1:-2] & is_same[2:-1] & is_other[3:]).any())
+
+
+def _clipped(ranges_m: F32) -> F32:
+    """Ranges of which none is unknown, or so far that it counts for more than others."""
+    return np.minimum(np.nan_to_num(ranges_m, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
 
 
 def alternates(ranges_m: F32, geometry_index: I32) -> B1:
     """(n,) where of four sweeps (n, 4, n_beams) the first is much more like the third or fourth than the second."""
-    values = np.minimum(np.nan_to_num(ranges_m, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
+    values = _clipped(ranges_m)
     change_m = np.median(np.abs(values[:, 1:] - values[:, :1]), axis=2)
     is_alike = geometry_index[:, 1:] == geometry_index[:, :1]
     next_m = np.where(is_alike[:, 0], change_m[:, 0], np.nan)

@@ -12,7 +12,7 @@ from dynmap_cli.arrays import F32, F64, I32, I64
 from dynmap_cli.ingest.raw.columns import Growing, RangeStore, counts_of, steps_in
 from dynmap_cli.ingest.raw.stamped import Stamped
 
-_LONGEST_REACH_M = 120.0
+LONGEST_REACH_M = 120.0
 """No laser that sweeps a plane reaches farther."""
 
 
@@ -44,7 +44,7 @@ class ScanShape(NamedTuple):
 
     def scaled(self, metres: float) -> ScanShape:
         """The same where limits are in a unit of so many metres, unless the reach is one in metres already."""
-        if self.range_max_m <= _LONGEST_REACH_M:
+        if self.range_max_m <= LONGEST_REACH_M:
             return self
         return self._replace(range_min_m=self.range_min_m * metres, range_max_m=self.range_max_m * metres)
 
