@@ -33,6 +33,7 @@ from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.starting.global_start import LEAST_RETURNS
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
+from dynmap_cli.localization.watching.placement import AGREEING_BEAMS
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
@@ -90,6 +91,8 @@ def run(context: StageContext) -> dict[str, Any]:
 def _warn_of_losses(summary: Mapping[str, Any], found: Localization) -> list[str]:
     """A robot that is lost for much of a recording is probably somewhere else, or where places look alike."""
     lost_share = summary["lost"]
+    if words := _outside_words(found):
+        return [words]
     if summary["another_place"]:
         return [
             "this is not the place of the map: many of the scans contradict it wherever the robot is put; "
@@ -101,6 +104,19 @@ def _warn_of_losses(summary: Mapping[str, Any], found: Localization) -> list[str
         f"lost for {100 * lost_share:.0f} % of the recording: it probably shows another place than the map, or one "
         "that changed a lot; do not trust states and poses"
     ]
+
+
+def _outside_words(found: Localization) -> str:
+    """One sentence where the recording begins in a room that the map does not show, and comes into the map; else ""."""
+    rows, last = found.health, len(found.health)
+    first = next((k for k, row in enumerate(rows) if row.verdict != "lost"), last)
+    if first == last or not any(row.health.off_map >= AGREEING_BEAMS for row in rows[:first]):
+        return ""
+    seconds = (rows[first].stamp_ns - int(found.trajectory.stamps_ns[0])) * 1e-9
+    return (
+        f"not in the map until t = {seconds:.1f} s: until then no place in it fits for long, as in a room that was "
+        "never mapped; poses and states from before say nothing"
+    )
 
 
 def _warn_of_changes(rows: Sequence[HealthRow]) -> list[str]:
