@@ -33,7 +33,7 @@ from dynmap_cli.localization.settings import LocalizationSettings
 from dynmap_cli.localization.starting.global_start import LEAST_RETURNS
 from dynmap_cli.localization.summary import summarize
 from dynmap_cli.localization.tracking import localize_log
-from dynmap_cli.localization.watching.doubts import doubts
+from dynmap_cli.localization.watching.doubts import began_outside, doubts
 from dynmap_cli.progress import progress
 from dynmap_cli.stage import Stage, StageContext
 
@@ -80,8 +80,13 @@ def run(context: StageContext) -> dict[str, Any]:
     if context.map_yaml is None:
         summary[KEY] = areas_digest(context.run_dir / "patches" / "patches.zip")
     warnings += [*wheel_words, *found.warnings, *_warn_of_gaps(log, found.health, settings)]
-    warnings += doubts(
-        found.health, found.alike, lost_share=summary["lost"], is_elsewhere=summary["another_place"]
+    outside = began_outside(found.health, int(log.stamps_ns[0]))
+    warnings += (
+        [outside]
+        if outside
+        else doubts(
+            found.health, found.alike, lost_share=summary["lost"], is_elsewhere=summary["another_place"]
+        )
     )
     summary["lines"] += [f"warning: {sentence}" for sentence in warnings]
     return summary

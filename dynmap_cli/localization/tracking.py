@@ -53,8 +53,9 @@ from dynmap_cli.localization.starting.global_start import (
     possible_starts,
     search_again,
 )
+from dynmap_cli.localization.starting.modes import is_near
 from dynmap_cli.localization.starting.undecided import undecided_words
-from dynmap_cli.localization.watching.health import Novelties, Patience, Verdict, scan_health
+from dynmap_cli.localization.watching.health import LOST, Novelties, Patience, Verdict, scan_health
 from dynmap_cli.localization.watching.unmapped import Unmapped
 from dynmap_cli.progress import Tick, no_tick
 
@@ -135,7 +136,7 @@ class _Tracker:
         self._random, self._executor, self._world, self._result = random, executor, world, result
         self._novelties, self._verdict, self._patience = (
             Novelties(pool),
-            Verdict(),
+            Verdict(is_given=is_given),
             Patience(is_given=is_given),
         )
         self._velocity, self._has_odometry = np.zeros(3), log.has_odometry
@@ -144,6 +145,7 @@ class _Tracker:
         self._carries_states = True
         self._unmapped = Unmapped(log, pool, settings)
         self._is_given, self._given_at = is_given, -1
+        self._placed_at = len(result.health)
 
     def run(self, scans: I64, first: int, particles: Particles, tick: Tick) -> None:
         """Go through the scans of the drive; those before the first usable one are put in at the end."""
@@ -217,7 +219,8 @@ class _Tracker:
         self._remember(scan, placed, every_end.ends_m, particles, estimate, in_view)
         if self._carries_states or estimate.share < ONE_MODE_SHARE:
             self._choose_states(estimate)
-        if self._patience.is_over(is_in_doubt=self._verdict.is_in_doubt):
+        verdict = self._verdict
+        if self._patience.is_over(is_in_doubt=verdict.is_in_doubt, is_off_map=verdict.is_off_map):
             found = self._search(scan, estimate.pose)
             if found is not None:
                 return found
@@ -232,16 +235,19 @@ class _Tracker:
         """
         result = self._result
         is_given = scan == self._given_at
-        found = search_again(
-            self._log,
-            scan,
-            pose,
-            self._pool,
-            self._settings,
-            self._random,
-            self._executor,
-            is_given=is_given,
-        )
+        if self._verdict.is_off_map and not self._verdict.placement.speaks_for_it:
+            found: Particles | None = self._start_anew(scan)
+        else:
+            found = search_again(
+                self._log,
+                scan,
+                pose,
+                self._pool,
+                self._settings,
+                self._random,
+                self._executor,
+                is_given=is_given,
+            )
         if found is not None or self._verdict.is_in_doubt:
             result.searches.append(int(self._log.stamps_ns[scan]))
         if found is None:
@@ -250,10 +256,27 @@ class _Tracker:
             self._result.warnings.append(_moved_words(pose, estimate_pose(found).pose))
         self._verdict.found_elsewhere()
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
+        if not is_near(estimate_pose(found).pose[None, :], pose)[0]:
+            self._leave_place()
         self._verdict = Verdict()
         self._unmapped.jumped()
         self._choose_states(estimate_pose(found))
         return found
+
+    def _start_anew(self, scan: int) -> Particles:
+        """Particles wherever the next scans fit the map, as if the drive began here."""
+        starts = possible_starts(self._log, scan, self._pool, self._settings, self._executor)
+        return draw_start(starts, self._settings, self._random)
+
+    def _leave_place(self) -> None:
+        """A place that was never confirmed, and is left for a better one, was wrong from its beginning on."""
+        rows = self._result.health
+        if not self._verdict.placement.is_confirmed:
+            rows[self._placed_at : -1] = [
+                row if row.verdict == "lost" else replace(row, verdict="lost", lost=row.lost + LOST)
+                for row in rows[self._placed_at : -1]
+            ]
+        self._placed_at = len(rows)
 
     def _choose_states(self, estimate: Estimate) -> None:
         """Let each particle have states of its own until they agree on a place well enough to have learned its states.

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynmap_cli.localization.found import HealthRow
 from dynmap_cli.localization.watching.health import DOUBT
+from dynmap_cli.localization.watching.placement import AGREEING_BEAMS
 from dynmap_cli.localization.watching.places import Place
 
 SAME_PLACE_M = 1.5
@@ -20,10 +21,10 @@ ANOTHER_PLACE, ANOTHER_SHARE = 1.8, 0.1
 """A recording is not of the place of the map if the map contradicts the scans by more than this in so large a share of
 its updates. The robot is put where most of its scans fit, and places look alike; what it drives through outside the
 map counts only where beams go through walls."""
-AGREES_SHARE, AGREEING_BEAMS = 0.5, 0.5
-"""Share of the updates in one piece that agree with the map, after which it is that of the place all the same, and of
-the beams that end on it in each: rooms look alike, but not one after another. A robot that starts outside the map, or
-where much has changed, is contradicted until it comes to where the map is right."""
+AGREES_SHARE = 0.5
+"""Share of the updates in one piece that agree with the map, after which it is that of the place all the same: rooms
+look alike, but not one after another. A robot that starts outside the map, or where much has changed, is contradicted
+until it comes to where the map is right."""
 
 
 @dataclass(slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynmap_cli.localization.found import HealthRow
+from dynmap_cli.localization.watching.placement import AGREEING_BEAMS
 
 _MUCH_LOST = 0.2
 _MUCH_CHANGED = 1.0 / 3.0
@@ -44,6 +45,25 @@ def doubts(
         f"lost for {100 * lost_share:.0f} % of the recording: it probably shows another place than the map, or one "
         "that changed a lot; do not trust states and poses"
     ]
+
+
+def began_outside(rows: Sequence[HealthRow], first_ns: int) -> str:
+    """One sentence where the recording begins in a room that the map does not show, and comes into the map; else "".
+
+    Parameters
+    ----------
+    rows : sequence of HealthRow
+    first_ns : int
+        Stamp of the first scan, t = 0.
+    """
+    first = next((k for k, row in enumerate(rows) if row.verdict != "lost"), len(rows))
+    if first == len(rows) or not any(row.health.off_map >= AGREEING_BEAMS for row in rows[:first]):
+        return ""
+    seconds = (rows[first].stamp_ns - first_ns) * 1e-9
+    return (
+        f"not in the map until t = {seconds:.1f} s: until then no place in it fits for long, as in a room that was "
+        "never mapped; poses and states from before say nothing"
+    )
 
 
 def _of_changes(rows: Sequence[HealthRow]) -> list[str]:

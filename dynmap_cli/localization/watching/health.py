@@ -9,6 +9,7 @@ the whole map: a robot that is lost fits better somewhere else. The lost measure
 particles and search say, each in units of what makes a robot lost on its own:
 
     measure = mean of six scans + LOST (1 - share of the best place) / (1 - 0.8)
+              + 5 (mean share that ends where the map knows nothing, until the place is confirmed, see `Placement`)
               + LOST (where a search found a better place)
 
 The last term stands in the update in which a search moved the robot. A start that was given is searched
@@ -29,6 +30,7 @@ from dynmap_cli.kernels.sweeps import are_marked, explain_by_states, sort_beams,
 from dynmap_cli.localization.beliefs.states import BEYOND_M, LEAST_SINE, PlacedSweep
 from dynmap_cli.localization.particles.particle_filter import ONE_MODE_SHARE, Estimate
 from dynmap_cli.localization.sensing.map_pool import MapPool
+from dynmap_cli.localization.watching.placement import SCANS, Placement
 from dynmap_cli.localization.watching.places import OPENING_CELLS, NovelPlaces, Place, main_place
 
 OVERSHOOT_M = 0.5
@@ -36,7 +38,6 @@ APART_M = 0.6
 """Beams next to each other that cross walls further apart than this go through in two places."""
 CLIPPED_M = 0.2
 """Beams that go through a wall in a narrower place clip its edge: a thing behind it is seen past the wall."""
-SCANS = 6
 UNEXPLAINED_WEIGHT, THROUGH_WEIGHT, OPENED_WEIGHT = 5.0, 25.0, 5.0
 """Of the share of the judged beams that end on nothing in the open, that go through a wall and end where the map
 knows that nothing is, and that go through a wall and end where it knows nothing, as through a door that was shut."""
@@ -148,14 +149,26 @@ def scan_health(
 class Verdict:
     """Judges the last six scans, the particles and the last search together: tracking, changed or lost."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_given: bool = False) -> None:
         self._measures: deque[float] = deque(maxlen=SCANS)
         self._elsewhere = 0.0
+        self.placement = Placement(is_given=is_given)
 
     @property
     def is_in_doubt(self) -> bool:
         """Whether the robot may be lost."""
-        return self.contradiction > DOUBT
+        return self.contradiction > DOUBT or self.is_off_map
+
+    @property
+    def is_off_map(self) -> bool:
+        """Whether the robot is where the map shows nothing, and nothing it showed before says that it came there."""
+        uncharted = self._uncharted
+        return uncharted > 0.0 and self.contradiction + uncharted > LOST
+
+    @property
+    def _uncharted(self) -> float:
+        """How much speaks for a wrong pose as the map knows too little, where it has not confirmed the place."""
+        return UNEXPLAINED_WEIGHT * self.placement.uncharted
 
     @property
     def measure(self) -> float:
@@ -164,12 +177,14 @@ class Verdict:
         The mean of the measures of the scans, and as much as makes the robot lost for each `1 - ONE_MODE_SHARE` of
         the particles' weight that lies elsewhere, and for a better place that a search found.
         """
-        return self.contradiction + LOST * self._elsewhere
+        return self.contradiction + self._uncharted + LOST * self._elsewhere
 
     def judge(self, health: ScanHealth, estimate: Estimate) -> str:
         """Take one more scan into account."""
         if health.judged >= LEAST_JUDGED:
             self._measures.append(lost_measure(health))
+        self.placement.see(health.explained + health.explained_by_other_state, health.off_map)
+        self.placement.judge(is_in_doubt=self.contradiction > DOUBT)
         self._elsewhere = (1.0 - estimate.share) / (1.0 - ONE_MODE_SHARE)
         if self.measure > LOST:
             return "lost"
@@ -206,8 +221,12 @@ class Patience:
     def __init__(self, *, is_given: bool = False) -> None:
         self._doubts, self._settled, self._patience, self._is_given = 0, 0, SEARCH_AFTER, is_given
 
-    def is_over(self, *, is_in_doubt: bool) -> bool:
-        """Take one more update into account."""
+    def is_over(self, *, is_in_doubt: bool, is_off_map: bool = False) -> bool:
+        """Take one more update into account.
+
+        A robot that is not in the map yet comes into it sooner or later: once it has gone as far as the scans of a
+        search reach, all it sees is new, and it is searched for again.
+        """
         if self._is_given:
             self._is_given = False
             return True
@@ -217,6 +236,8 @@ class Patience:
                 self._patience = SEARCH_AFTER
             return False
         self._doubts, self._settled = self._doubts + 1, 0
+        if is_off_map:
+            self._patience = min(self._patience, SETTLED_AFTER)
         if self._doubts < self._patience:
             return False
         self._doubts, self._patience = 0, 2 * self._patience
