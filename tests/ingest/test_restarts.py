@@ -1,12 +1,11 @@
 """An odometry that starts at its origin again while a recording is made."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from dynmap_cli.domain.poses import between, compose
 from dynmap_cli.ingest.choices.restarts import join_restarts
+from dynmap_cli.ingest.raw.laser import ScanShape
 from dynmap_cli.ingest.raw.recording import RawOdometry, RawRecording
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
@@ -219,6 +218,8 @@ def test_what_an_odometry_did_before_the_first_sweep_does_not_matter(first_sweep
     poses[80:, 0] = 0.1 * np.arange(80)
     recording = recorded(poses)
     sweeps_ns = PERIOD_NS * np.arange(first_sweep, 160)
-    recording.lasers["/scan"] = SimpleNamespace(stamps_ns=sweeps_ns)
+    laser = recording.laser("/scan")
+    for stamp_ns in sweeps_ns.tolist():
+        laser.add(stamp_ns, stamp_ns, np.ones(9, dtype=np.float32), ScanShape(-1.0, 0.25, 9, 0.1, 8.0))
     join_restarts(recording)
     assert bool(recording.warnings) == is_said

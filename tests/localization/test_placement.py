@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynmap_cli.localization.particles.particle_filter import Estimate
-from dynmap_cli.localization.stage import _outside_words
+from dynmap_cli.localization.watching.doubts import began_outside
 from dynmap_cli.localization.watching.health import SETTLED_AFTER, Patience, ScanHealth, Verdict
 from dynmap_cli.localization.watching.placement import CONFIRMED_AFTER, Placement
 from dynmap_cli.simulation.run import simulate
@@ -41,7 +41,7 @@ def test_who_starts_in_a_room_never_mapped_is_nowhere_until_it_comes_into_the_ma
     there = in_hall[1:][way_m > 7.0]
     assert there.size > 50
     assert away_m[there].max() < 0.2
-    assert "not in the map until t = " in _outside_words(found)
+    assert "not in the map until t = " in began_outside(found.health, int(found.trajectory.stamps_ns[0]))
 
 
 def test_who_starts_in_the_map_and_leaves_it_at_once_stays_where_it_is(run):

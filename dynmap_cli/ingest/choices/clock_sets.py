@@ -53,6 +53,23 @@ class _Sets(NamedTuple):
         parts = zip(np.split(times_ns, cuts), self.shifts_ns, strict=True)
         return np.concatenate([part + shift_ns for part, shift_ns in parts])
 
+    def without_overlap(self, sources: Sequence[tuple[I64, Sequence[int]]]) -> _Sets:
+        """The same with so much more time at each cut that no source, times (n,) and cuts, goes back there.
+
+        Others may go on before the laser does, as odometry where a simulation is started anew.
+        """
+        more_ns = np.zeros(len(self.cuts) + 1, dtype=np.int64)
+        for times_ns, cuts in sources:
+            for number, cut in enumerate(cuts):
+                gap_ns = int(
+                    times_ns[cut] + self.shifts_ns[number + 1] - times_ns[cut - 1] - self.shifts_ns[number]
+                )
+                if gap_ns <= 0:
+                    usual_ns = round(period_s_of(times_ns[max(cut - _LEAST_SCANS, 0) : cut]) * 1e9)
+                    more_ns[number + 1] = max(more_ns[number + 1], usual_ns - gap_ns)
+        later_ns = self.shifts_ns + np.cumsum(more_ns)
+        return self._replace(shifts_ns=later_ns - later_ns[np.argmin(np.abs(self.shifts_ns))])
+
 
 def join_set_clocks(recording: RawRecording) -> None:
     """Move stamps from before and after the clock was set to the clock of most sweeps, and say so."""
@@ -71,25 +88,34 @@ def join_set_clocks(recording: RawRecording) -> None:
             f"{found.told}, and so do the times of recording; they are put in order by their stamps"
         )
         return
-    for source in _moving(recording):
-        cuts = found.cuts if source is laser else _cuts_of(source.stamps_ns, found.jumps_ns)
-        if cuts is not None:
-            source.stamps_ns = found.moved(source.stamps_ns, cuts)
+    cut = [
+        (source, found.cuts if source is laser else _cuts_of(source.stamps_ns, found.jumps_ns))
+        for source in _moving(recording)
+    ]
+    moving = [(source, cuts) for source, cuts in cut if cuts is not None]
+    found = found.without_overlap([(source.stamps_ns, cuts) for source, cuts in moving])
+    for source, cuts in moving:
+        source.stamps_ns = found.moved(source.stamps_ns, cuts)
     _say(recording, laser, found)
 
 
 def interleaved_ns(recording: RawRecording) -> tuple[int, int] | None:
     """From when to when sweeps come twice as often, as where messages are sorted by a clock that was set back.
 
-    Two periods lie between a sweep and the next but one, there only one; None where that is so nowhere for long.
+    Two periods lie between a sweep and the next but one, there only one; None where that is so nowhere for long. What
+    the periods are is told by sweeps of different stamps: simulations stamp alike each time.
     """
     laser = most_used(recording.lasers.values())
     if laser is None or laser.n_scans < 2 * _LEAST_SCANS:
         return None
     ordered = laser.stamps_ns if ascends(laser.stamps_ns) else np.sort(laser.stamps_ns)
     apart_ns = ordered[2:] - ordered[:-2]
-    usual = int(_USUAL_QUANTILE * apart_ns.size)
-    is_short = apart_ns < _TWICE_AS_OFTEN * float(np.partition(apart_ns, usual)[usual])
+    distinct = np.concatenate([[True], ordered[1:] > ordered[:-1]])
+    usual_ns = apart_ns if distinct.all() else np.subtract(ordered[distinct][2:], ordered[distinct][:-2])
+    if not usual_ns.size:
+        return None
+    usual = int(_USUAL_QUANTILE * usual_ns.size)
+    is_short = apart_ns < _TWICE_AS_OFTEN * float(np.partition(usual_ns, usual)[usual])
     if np.count_nonzero(is_short) < _LEAST_MIXED:
         return None
     n_short = np.concatenate([[0], np.cumsum(is_short)])
@@ -112,10 +138,10 @@ def undo_set_back(recording: RawRecording) -> bool:
     found = _sets_of(laser.logged_ns, np.flatnonzero(steps_ns < LEAST_BACK_NS))
     if found is None:
         return False
-    for source in _moving(recording):
-        cuts = _cuts_of(source.logged_ns, found.jumps_ns)
-        if cuts is None:
-            continue
+    cut = [(source, _cuts_of(source.logged_ns, found.jumps_ns)) for source in _moving(recording)]
+    moving = [(source, cuts) for source, cuts in cut if cuts is not None]
+    found = found.without_overlap([(source.logged_ns, cuts) for source, cuts in moving])
+    for source, cuts in moving:
         steps_ns = np.diff(source.stamps_ns)[np.array(cuts) - 1]
         if all(abs(a - b) < _alike_ns(b) for a, b in zip(steps_ns.tolist(), found.jumps_ns, strict=True)):
             source.stamps_ns = found.moved(source.stamps_ns, cuts)

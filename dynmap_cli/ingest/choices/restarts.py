@@ -1,7 +1,9 @@
 """Odometry that was started anew while a recording was made: it is at its origin from one pose to the next.
 
 Its driver was restarted, or told to. What it counts then goes on from where the robot was; how far that moved
-meanwhile, nobody has counted. Poses are looked at in the order of their stamps: some reach a recorder late.
+meanwhile, nobody has counted. Poses are looked at in the order of their stamps: some reach a recorder late. Where the
+sweeps then show what they did at first, and not what they did right before, the robot itself was put back to where it
+began, as by a simulation that is started anew: its poses are right as they are.
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ from dynmap_cli.arrays import F64, I64
 from dynmap_cli.domain.poses import between, compose, wrap_angle
 from dynmap_cli.ingest.choices.robot_frames import last_name
 from dynmap_cli.ingest.choices.tracks import Track, moving_tracks, places_of, poses_of, put_poses
+from dynmap_cli.ingest.choices.two_robots import alternates
 from dynmap_cli.ingest.raw.columns import spans
+from dynmap_cli.ingest.raw.laser import most_used
 from dynmap_cli.ingest.raw.recording import RawRecording, file_name, sorted_by_stamp
 
 _ORIGIN, _EXACTLY, _LEFT_ORIGIN_M, _TURNED_RAD = 0.01, 1e-6, 0.3, 0.3
@@ -27,7 +31,8 @@ def join_restarts(recording: RawRecording) -> None:
 
     Before the first sweep and after the last one no pose is used, so nothing is done.
     """
-    told = []
+    told: list[str] = []
+    put_back: list[str] = []
     first_ns, last_ns = recording.span_ns if recording.lasers else (-_LATEST, _LATEST)
     for name, source in moving_tracks(recording, lambda parent: "odom" in last_name(parent)):
         returns, leaves = _at_origin(sorted_by_stamp(source.stamps_ns, places_of(source))[1])
@@ -47,8 +52,12 @@ def join_restarts(recording: RawRecording) -> None:
                     f"{_MOST_LOOKS} of {looks.size} returns to its origin; so many are left as they are"
                 )
             elif rows:
-                told.append(f"{name} from {_jumps_told(recording, stamps_ns, poses, rows)}")
-                _join(source, stamps_ns, poses, rows)
+                is_back = _are_put_back(recording, stamps_ns, poses, rows)
+                for lines, wanted in ((told, False), (put_back, True)):
+                    those = [row for row, back in zip(rows, is_back, strict=True) if back is wanted]
+                    if those:
+                        lines.append(f"{name} from {_jumps_told(recording, stamps_ns, poses, those)}")
+                _join(source, stamps_ns, poses, rows, is_back)
         source.give_back()
     if told:
         recording.warnings.append(
@@ -56,6 +65,31 @@ def join_restarts(recording: RawRecording) -> None:
             f"{'; '.join(told)}; it is taken to go on from where it was. If the robot was carried there, cut the "
             "recording, and build the parts together"
         )
+    if put_back:
+        recording.warnings.append(
+            f"{file_name(recording.name)}: the robot was put back to where it began, with its odometry, as where a "
+            f"simulation is started anew: {'; '.join(put_back)}; the scans show that place again, and poses are used "
+            "as they are"
+        )
+
+
+def _are_put_back(recording: RawRecording, stamps_ns: I64, poses: F64, rows: list[int]) -> list[bool]:
+    """Whether the sweep after each return to the origin is like the first one there, and unlike that right before."""
+    laser = most_used(recording.lasers.values())
+    if laser is None or np.abs(poses[0]).max() >= _ORIGIN:
+        return [False] * len(rows)
+    order = np.argsort(laser.stamps_ns, kind="stable")
+    first, *after = np.searchsorted(laser.stamps_ns[order], stamps_ns[[0, *rows]]).tolist()
+    is_back = []
+    for later in after:
+        if not first < later < order.size:
+            is_back.append(False)
+            continue
+        numbers = order[[later, later - 1, first, first]]
+        ranges_m = np.full((1, 4, int(laser.lengths_counted[0][-1])), np.nan, dtype=np.float32)
+        laser.fill(ranges_m[0], numbers)
+        is_back.append(bool(alternates(ranges_m, laser.shape_index[numbers][None])[0]))
+    return is_back
 
 
 def _jumps_told(recording: RawRecording, stamps_ns: I64, poses: F64, rows: list[int]) -> str:
@@ -155,13 +189,17 @@ def _apart(first: F64, second: F64) -> F64:
     return np.asarray(np.hypot(apart[..., 0], apart[..., 1]) + np.abs(wrap_angle(apart[..., 2])))
 
 
-def _join(source: Track, stamps_ns: I64, poses: F64, rows: list[int]) -> None:
+def _join(source: Track, stamps_ns: I64, poses: F64, rows: list[int], is_back: list[bool]) -> None:
     """Put the poses from each of the rows on behind the one before it, moved on as before where nothing is missing.
+
+    Where the robot itself was put back, they go on from the origin.
 
     *stamps_ns* (n,) ascend and *poses* (n, 3) are theirs; *rows* are numbers of them.
     """
     starts = np.zeros((len(rows) + 1, 3))
     for number, row in enumerate(rows):
+        if is_back[number]:
+            continue
         start = compose(starts[number], poses[row - 1])
         if row > 1 and stamps_ns[row] - stamps_ns[row - 1] < _MISSING * (
             stamps_ns[row - 1] - stamps_ns[row - 2]

@@ -147,10 +147,16 @@ def refuse_two_lasers(columns: Columns, recording: RawRecording) -> None:
 
 
 def _returns(ranges_m: F32) -> bool:
-    """Whether the second of some sweeps (n, n_beams), unlike the first, is seen again later, between two unlike it."""
+    """Whether the second of some sweeps (n, n_beams), unlike the first, is seen again later, between two unlike it.
+
+    Most sweeps are like the next one: of sweeps that change at random any may be like another.
+    """
     values = _clipped(ranges_m)
     change_m = np.median(np.abs(values - values[1]), axis=1)
     is_same, is_other = change_m < _BACK_SHARE * change_m[0], change_m > _OTHER_SHARE * change_m[0]
+    step_m = np.median(np.abs(np.diff(values, axis=0)), axis=1)
+    if np.median(step_m) >= _BACK_SHARE * change_m[0]:
+        return False
     return bool((is_other[1:-2] & is_same[2:-1] & is_other[3:]).any())
 
 
