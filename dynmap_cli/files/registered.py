@@ -50,6 +50,22 @@ def read_registered(scans_dir: Path, map_dir: Path) -> tuple[ScanLog, Trajectory
     return replace(log, beam_interval_s=intervals, sensor_poses=sensor_poses), trajectory
 
 
+def with_mountings_of(log: ScanLog, scans_dir: Path, map_dir: Path) -> tuple[ScanLog, int]:
+    """Another recording, with lasers where the map found those stated to be in the same places; and how many moved.
+
+    The same wrong mounting is stated in every recording of a robot.
+    """
+    if not (map_dir / MOUNTINGS).exists():
+        return log, 0
+    stated = read_scan_log(scans_dir).sensor_poses
+    found = _read_table(map_dir / MOUNTINGS, stated.shape, "sensor poses")
+    mounted = log.sensor_poses.copy()
+    for before, after in zip(stated, found, strict=True):
+        mounted[(log.sensor_poses == before).all(axis=1)] = after
+    moved = log.sensor_poses[(mounted != log.sensor_poses).any(axis=1)]
+    return replace(log, sensor_poses=mounted), len(np.unique(moved, axis=0))
+
+
 def _read_table(path: Path, shape: tuple[int, ...], what: str) -> F64:
     """Numbers of each geometry."""
     with refusing_damage(f"{path}: not a readable table of {what}", _REMEDY, ArtifactError):

@@ -43,6 +43,10 @@ TRIED = 100
 """Scans that tell in which order the beams of a sweep are made."""
 END_SHARES = 0.75, 1.5
 """Of the time of a sweep: sweeps are stamped at their end if the odometry runs ahead of them by that."""
+MIDDLE = -0.5
+"""When the first beam is made, in times of a sweep after its stamp, where no odometry tells and the driver says times
+between beams that the scans contradict: it does not follow the definition of the message, which has the stamp at the
+first beam (sensor_msgs/LaserScan), so the stamp may as well be that of the end. This is off by half a sweep at most."""
 LEAST_STEP_S = 1e-3
 """Stamps may be equal."""
 LED_BY = 10
@@ -61,7 +65,7 @@ class Drive:
     beam_interval_s : (n_geometries,) float64
         As the scans fit best, see `find_sweep_order`.
     first_beam_s : (n_geometries,) float64
-        Minus the time of a sweep where sweeps are stamped at their end.
+        Minus the time of a sweep where sweeps are stamped at their end, minus half of it where nobody knows.
     faults : tuple of WheelFault
         Where the scans led instead of the wheels.
     has_wheels : bool
@@ -114,6 +118,8 @@ def sound_odometry(log: ScanLog, settings: LocalizationSettings) -> Drive:
     calibration, stamped_s = _with_stamps(_calibration(sweeps, rays, found), sweeps, durations_s)
     motion = corrected_motion(sweeps.odometry, sweeps.times_s, calibration)
     has_wheels = bool(np.isfinite(motion[1:]).all(axis=1).any())
+    if not has_wheels:
+        stamped_s = np.where(intervals_s == said.beam_interval_s, stamped_s, MIDDLE * durations_s)
     faults: list[WheelFault] = []
     if has_wheels and not calibration.reversible:
         found_faults = find_wheel_faults(motion, sweeps.times_s, found.poses, found.is_lost, reversible=False)

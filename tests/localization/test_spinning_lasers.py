@@ -111,6 +111,18 @@ def test_sweeps_that_are_stamped_at_their_end_are_found_by_the_odometry(run):
     assert error_m(run, replace(sound, first_beam_s=np.zeros(1)), true) > 0.07
 
 
+@pytest.mark.parametrize(("said_s", "sweeps"), [(INTERVAL_S, 0.0), (0.0, -0.5), (1e-6, -0.5)])
+def test_without_odometry_the_stamp_is_where_the_message_has_it_if_its_times_are_right_and_else_the_middle(
+    run, said_s, sweeps
+):
+    blind = replace(
+        run.log, odometry=np.full((run.log.n_scans, 3), np.nan), beam_interval_s=np.array([said_s])
+    )
+    drive = sound_odometry(blind.select(slice(0, 250)), SETTINGS)
+    assert not drive.has_wheels
+    assert drive.first_beam_s[0] == pytest.approx(sweeps * 0.1, rel=0.05)
+
+
 def test_beams_that_were_made_at_once_are_not_moved_though_the_driver_says_so():
     run = simulate(office(seed=6, lasers=[{**FULL_CIRCLE, "beam_interval_s": 0.0}]))
     said = replace(run.log, beam_interval_s=np.array([INTERVAL_S]))

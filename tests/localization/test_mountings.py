@@ -1,0 +1,32 @@
+"""A later recording of a robot whose lasers are mounted otherwise than stated."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dynmap_cli.domain.scans import single_laser_log
+from dynmap_cli.files import registered
+from dynmap_cli.files.registered import with_mountings_of, write_mountings
+
+PER_LASER = ("bearings_rad", "beam_interval_s", "first_beam_s", "range_limits_m")
+
+
+def with_lasers(log, *poses):
+    """The same log with the one laser that it has in several places."""
+    copies = {name: np.repeat(getattr(log, name), len(poses), axis=0) for name in PER_LASER}
+    return replace(log, sensor_poses=np.array(poses), **copies)
+
+
+def test_lasers_stated_in_the_same_place_are_where_the_map_found_them_and_others_stay(tmp_path, monkeypatch):
+    log = single_laser_log(
+        np.zeros(1, dtype=np.int64), np.ones((1, 5), np.float32), np.linspace(-1, 1, 5), np.zeros((1, 3))
+    )
+    first, second, third = [0.2, 0.0, 0.0], [-0.2, 0.0, 3.1], [0.0, 0.3, 1.0]
+    mapped, later = (with_lasers(log, *poses) for poses in ((first, second), (second, third, first)))
+    monkeypatch.setattr(registered, "read_scan_log", lambda _: mapped)
+    assert with_mountings_of(later, tmp_path, tmp_path) == (later, 0)
+    corrected = [-0.21, 0.01, 3.14]
+    write_mountings(tmp_path, np.array([first, corrected]))
+    found, moved = with_mountings_of(later, tmp_path, tmp_path)
+    assert moved == 1
+    np.testing.assert_array_equal(found.sensor_poses, [corrected, third, first])
