@@ -42,7 +42,7 @@ def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings
 
 
 def _sensors(recording: RawRecording, settings: IngestSettings) -> list[str]:
-    """Frames of the lasers, or of that which was asked for; that with most scans first, whose robot is used of several."""
+    """Frames of the lasers, or of that which was asked for; that with most scans first: of several robots its is used."""
     scans: Counter[str] = Counter()
     for laser in recording.lasers.values():
         if settings.scan_topic in {None, laser.name}:
