@@ -42,7 +42,7 @@ def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings
 
 
 def _sensors(recording: RawRecording, settings: IngestSettings) -> list[str]:
-    """Frames of the lasers, or of that which was asked for; that with most scans first: of several robots its is used."""
+    """Frames of the lasers, or of that which was asked for; first that with most scans, which tells the robot."""
     scans: Counter[str] = Counter()
     for laser in recording.lasers.values():
         if settings.scan_topic in {None, laser.name}:
