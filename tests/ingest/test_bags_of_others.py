@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import yaml
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
@@ -62,6 +62,13 @@ def test_the_file_of_a_bag_folder_may_have_been_renamed(plugin, tmp_path):
     (file,) = (one for one in path.iterdir() if one.suffix in {".mcap", ".db3"})
     file.rename(path / f"renamed{file.suffix}")
     read_clean(path, world)
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize("mode", [CompressionMode.NONE, CompressionMode.FILE])
+def test_a_bag_folder_may_be_named_like_a_ros_1_bag(plugin, mode, tmp_path):
+    """As `ros2 bag record -o drive.bag` does it."""
+    read_clean(write_bag2(tmp_path / "drive.bag", World(), plugin, mode), World())
 
 
 @pytest.mark.parametrize("encoding", ["ros1msg", "jsonschema", "protobuf", ""])

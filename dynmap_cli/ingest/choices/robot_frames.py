@@ -15,11 +15,7 @@ _BASES = ("base_footprint", "base_link", "base")
 
 def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings) -> str:
     """Name of the robot frame: set, below odometry in tf, child of an odometry topic, by custom, or the fixed root."""
-    scans: Counter[str] = Counter()
-    for laser in recording.lasers.values():
-        scans[laser.frame] += laser.n_scans
-    # Of several robots in one recording the one that was scanned from most.
-    sensors = sorted(filter(None, scans), key=lambda frame: (-scans[frame], frame))
+    sensors = _sensors(recording, settings)
     for key, frame in (("base_frame", settings.base_frame), ("odom_frame", settings.odom_frame)):
         if frame is not None and frame not in tree.frames:
             known = ", ".join(tree.frames[:20]) or "none"
@@ -43,6 +39,15 @@ def find_base(recording: RawRecording, tree: FrameTree, settings: IngestSettings
         if above:
             return above[-1]
     return "" if any(sensor in tree.frames for sensor in sensors) else moved_by_odometry(tree)[1]
+
+
+def _sensors(recording: RawRecording, settings: IngestSettings) -> list[str]:
+    """Frames of the lasers, or of that which was asked for; first that with most scans, which tells the robot."""
+    scans: Counter[str] = Counter()
+    for laser in recording.lasers.values():
+        if settings.scan_topic in {None, laser.name}:
+            scans[laser.frame] += laser.n_scans
+    return sorted(filter(None, scans), key=lambda frame: (-scans[frame], frame))
 
 
 def odom_frame_of(tree: FrameTree, settings: IngestSettings, robot: str) -> str | None:

@@ -251,7 +251,16 @@ def _bag_folder(path: Path, name: str, scratch: Path, limit_bytes: int, damage: 
     found = plain_folder(path, target, limit_bytes, name)
     odd = [told for file in sorted(path.glob("*.db3")) for told in odd_journals(file)]
     damage = "; ".join(filter(None, (damage, found.damage)))
-    return Source(name, "ros2", found.path, damage, (*found.said, *odd))
+    return Source(name, "ros2", _not_named_bag(found.path, scratch), damage, (*found.said, *odd))
+
+
+def _not_named_bag(folder: Path, scratch: Path) -> Path:
+    """The folder under a name that does not end as that of a ROS 1 bag, for rosbags goes by the name."""
+    if folder.suffix != ".bag":
+        return folder
+    link = _new_folder(scratch) / "recording"
+    link.symlink_to(folder.resolve())
+    return link
 
 
 def _with_suffix(path: Path, kind: str, scratch: Path) -> Path:

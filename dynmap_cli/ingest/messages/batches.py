@@ -13,6 +13,7 @@ from dynmap_cli.arrays import B1, F64, I64
 from dynmap_cli.ingest.messages.blocks import Block, joined, packed
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, TRANSFORM_TYPES
 from dynmap_cli.ingest.messages.layouts import MOST_TRANSFORMS, Layout, has_layout, layout_of
+from dynmap_cli.ingest.messages.namespaces import namespace_of
 from dynmap_cli.ingest.messages.ros_messages import (
     LEAST_QUATERNION,
     LONGEST_SWEEP_S,
@@ -191,32 +192,39 @@ class Batches:
 
     def _take_transforms(self, groups: list[_Group], block: Block, timely: B1) -> None:
         """Keep the transforms of tf messages, those of a pair of frames in the order of the messages."""
-        found: dict[tuple[str, str], list[tuple[I64, I64, I64, F64]]] = {}
+        found: dict[tuple[str, str, str], list[tuple[I64, I64, I64, F64]]] = {}
         for group in groups:
-            rows = group.rows[timely[group.rows]]
-            messages = block.picked(rows)
-            for number, part in enumerate(group.layout.parts):
-                places = rows * MOST_TRANSFORMS + number
-                stamps_ns = group.layout.stamps_ns(messages, part)
-                values = group.layout.pose_values(messages, part)
-                found.setdefault((part.frame, part.child), []).append(
-                    (places, stamps_ns, messages.logged_ns, values)
-                )
-        for pair, pieces in found.items():
+            for space, rows in self._by_namespace(block, group.rows[timely[group.rows]]):
+                messages = block.picked(rows)
+                for number, part in enumerate(group.layout.parts):
+                    places = rows * MOST_TRANSFORMS + number
+                    stamps_ns = group.layout.stamps_ns(messages, part)
+                    values = group.layout.pose_values(messages, part)
+                    found.setdefault((space, part.frame, part.child), []).append(
+                        (places, stamps_ns, messages.logged_ns, values)
+                    )
+        for key, pieces in found.items():
             places = np.concatenate([piece[0] for piece in pieces])
             if places.size == 0:
                 continue
             order = np.argsort(places)
-            kept = self._recording.transforms.get(pair)
+            kept = self._recording.transforms_read.get(key)
             if kept is None:
                 first = int(block.channels[int(places[order[0]]) // MOST_TRANSFORMS])
                 is_static = self._names[first][0].endswith("tf_static")
-                kept = self._recording.transforms[pair] = RawTransform(is_static)
+                kept = self._recording.transforms_read[key] = RawTransform(is_static)
             kept.add_many(
                 np.concatenate([piece[1] for piece in pieces])[order],
                 np.concatenate([piece[2] for piece in pieces])[order],
                 np.concatenate([piece[3] for piece in pieces])[order],
             )
+
+    def _by_namespace(self, block: Block, rows: I64) -> Iterator[tuple[str, I64]]:
+        """Yield the namespaces of the topics of messages, and which of them are in each."""
+        channels = block.channels[rows]
+        spaces = {number: namespace_of(self._names[number][0]) for number in np.unique(channels).tolist()}
+        for space in sorted(set(spaces.values())):
+            yield space, rows[np.isin(channels, [number for number in spaces if spaces[number] == space])]
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, ODOMETRY_TYPES, POSE_TYPES, TRANSFORM_TYPES
+from dynmap_cli.ingest.messages.namespaces import frame_in, name_frames, namespace_of, robots_in
 from dynmap_cli.ingest.messages.stored import words_of
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.laser import ScanShape
@@ -217,13 +218,13 @@ def yaw_of(q: Any) -> float:
 
 def _take_transforms(recording: RawRecording, message: Message) -> None:
     """Keep the transforms of a tf message."""
-    transforms = recording.transforms
+    transforms, space = recording.transforms_read, namespace_of(message.topic)
     for stamped in message.content.transforms:
         header, move, q = stamped.header, stamped.transform.translation, stamped.transform.rotation
-        pair = header.frame_id, stamped.child_frame_id
-        kept = transforms.get(pair)
+        key = space, header.frame_id, stamped.child_frame_id
+        kept = transforms.get(key)
         if kept is None:
-            kept = transforms[pair] = RawTransform(message.topic.endswith("tf_static"))
+            kept = transforms[key] = RawTransform(message.topic.endswith("tf_static"))
         stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
         values = (move.x, move.y, move.z, q.x, q.y, q.z, q.w)
         kept.add(stamp_ns if is_stamp(stamp_ns) else _NO_STAMP, message.logged_ns, values)
@@ -231,8 +232,10 @@ def _take_transforms(recording: RawRecording, message: Message) -> None:
 
 def _clean_transforms(recording: RawRecording) -> None:
     """Name frames without slashes and drop what is no rotation; done once at the end, for tf is most of many bags."""
-    found, recording.transforms = recording.transforms, {}
-    for (parent, child), raw in found.items():
+    robots = robots_in(recording)
+    name_frames(recording, robots)
+    found, recording.transforms_read = recording.transforms_read, {}
+    for (space, parent, child), raw in found.items():
         is_pose = _are_transforms(raw.values)
         is_pose &= are_stamps(raw.stamps_ns)
         raw.give_back()
@@ -243,12 +246,15 @@ def _clean_transforms(recording: RawRecording) -> None:
         if not is_pose.any():
             continue
         pair = plain_frame(parent), plain_frame(child)
+        if space in robots:
+            pair = frame_in(space, pair[0]), frame_in(space, pair[1])
         if is_pose.all() and pair not in recording.transforms:
             recording.transforms[pair] = raw
             raw.give_back()
             continue
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
         kept.add_many(raw.stamps_ns[is_pose], raw.logged_ns[is_pose], raw.values[is_pose])
+        kept.keep(np.argsort(kept.logged_ns, kind="stable"))
 
 
 def _are_transforms(values: F64) -> B1:

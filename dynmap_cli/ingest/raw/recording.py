@@ -128,6 +128,8 @@ class RawRecording:
     lasers : dict of str to RawLaser
     odometry : dict of str to RawOdometry
     transforms : dict of (parent, child) to RawTransform
+    transforms_read : dict of (namespace, parent, child) to RawTransform
+        By the namespace of their topic, with frames as written; empty when all messages are read.
     dropped : Counter
         How many messages or lines were left out, by reason.
     damage : list of str
@@ -147,6 +149,7 @@ class RawRecording:
     lasers: dict[str, RawLaser] = field(default_factory=dict)
     odometry: dict[str, RawOdometry] = field(default_factory=dict)
     transforms: dict[tuple[str, str], RawTransform] = field(default_factory=dict)
+    transforms_read: dict[tuple[str, str, str], RawTransform] = field(default_factory=dict)
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -178,7 +181,7 @@ class RawRecording:
             laser.give_back()
         for track in self.odometry.values():
             track.give_back()
-        for transform in self.transforms.values():
+        for transform in (*self.transforms.values(), *self.transforms_read.values()):
             transform.give_back()
 
     @property
