@@ -28,7 +28,7 @@ def command(
 
     Several LOG become one map. What is up to date is not done again. RUN/report.html shows what was found.
     """
-    from dynmap_cli.pipeline import build
+    from dynmap_cli.runs.pipeline import build
 
     results = build(
         run_dir,

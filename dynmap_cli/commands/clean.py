@@ -57,7 +57,7 @@ def command(
     bags MCAP of profile ros1; text logs become LaserScan, Odometry and tf of ROS 2. Of a damaged recording what is
     whole is written, and one line says what was lost.
     """
-    from dynmap_cli.finished import clean
+    from dynmap_cli.runs.finished import clean
 
     summary = clean(
         recordings,

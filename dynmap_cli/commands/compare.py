@@ -62,8 +62,8 @@ def command(
     errors (with --truth), spread and states over time (Fig. 1.13 and 1.15 of the paper).
     """
     from dynmap_cli.comparison.stage import TruthFiles
-    from dynmap_cli.finished import compare
-    from dynmap_cli.outdated import outdated_results
+    from dynmap_cli.runs.finished import compare
+    from dynmap_cli.runs.outdated import outdated_results
 
     check_order(run_dir, recordings)
     if map_truth is not None and truth is None:

@@ -62,7 +62,7 @@ def command(
     the stages that depend on them are run. Options may be repeated; they are taken up in the order undo, polygon,
     merge, name, drop.
     """
-    from dynmap_cli.edit import Wishes, corrections_of, edit, list_lines
+    from dynmap_cli.runs.edit import Wishes, corrections_of, edit, list_lines
 
     wishes = Wishes(undo, tuple(path for _, path in polygons), tuple(map(_merge, merges)), names, drops)
     if only_list:

@@ -26,7 +26,7 @@ def command(run_dir: Path, submap_id: int, as_json: bool) -> None:
 
     `dynmap timeline RUN` lists the IDs.
     """
-    from dynmap_cli.finished import explain
+    from dynmap_cli.runs.finished import explain
 
     found = explain(run_dir, submap_id)
     print_summary(found, [] if as_json else _lines(found), as_json=as_json)

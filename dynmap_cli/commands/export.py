@@ -27,8 +27,8 @@ def command(run_dir: Path, state: str, out_dir: Path, force: bool, as_json: bool
 
     Both are maps for map_server: the first for planners, the second for the costmap filters of nav2.
     """
-    from dynmap_cli.finished import export_map
     from dynmap_cli.planner.choice import parse_rule
+    from dynmap_cli.runs.finished import export_map
 
     try:
         rule = parse_rule(state)

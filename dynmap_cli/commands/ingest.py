@@ -20,7 +20,7 @@ from dynmap_cli.commands.piped import LogPath
 @shared_options
 def command(recordings: tuple[Path, ...], run_dir: Path, force: bool, shared: Shared) -> None:
     """Read LOG into columns of scans (first stage of build)."""
-    from dynmap_cli.pipeline import run_one
+    from dynmap_cli.runs.pipeline import run_one
 
     result = run_one(
         run_dir, "ingest", shared.config, threads=shared.threads, force=force, recordings=recordings

@@ -63,8 +63,8 @@ def command(
     `stages.localize.another_place` is true if LOG was not made in the place of the map; `tracking`, `changed` and
     `lost` beside it are shares of its updates.
     """
-    from dynmap_cli.finished import localize
-    from dynmap_cli.outdated import outdated_results
+    from dynmap_cli.runs.finished import localize
+    from dynmap_cli.runs.outdated import outdated_results
 
     run_dir = None if map_yaml else paths[0]
     recordings = paths if map_yaml else paths[1:]

@@ -22,7 +22,7 @@ from dynmap_cli.standard_output import echo
 
 if TYPE_CHECKING:
     from dynmap_cli.config import Config, LoadedConfig
-    from dynmap_cli.pipeline import StageResult
+    from dynmap_cli.runs.pipeline import StageResult
 
 Function = Callable[..., Any]
 
@@ -248,7 +248,7 @@ def print_summary(summary: dict[str, Any], lines: list[str], *, as_json: bool) -
 
 def print_results(run_dir: Path, results: Sequence[StageResult], *, as_json: bool) -> None:
     """Write what the stages of a run found, and where its files are."""
-    from dynmap_cli.outdated import outdated_results
+    from dynmap_cli.runs.outdated import outdated_results
 
     lines = [
         f"{result.stage}: {line}" for result in results for line in result.manifest.summary.get("lines", ())
@@ -297,7 +297,7 @@ def _sector(text: str) -> list[float | str]:
 
 def run_single_stage(name: str, run_dir: Path, shared: Shared, *, force: bool) -> None:
     """Run one stage of a run directory and print what it found."""
-    from dynmap_cli.pipeline import run_one
+    from dynmap_cli.runs.pipeline import run_one
 
     summary = run_one(run_dir, name, shared.config, threads=shared.threads, force=force).manifest.summary
     print_summary(summary, summary.get("lines", []), as_json=shared.as_json)

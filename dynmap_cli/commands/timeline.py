@@ -17,7 +17,7 @@ from dynmap_cli.commands.options import PATH, print_summary, reading_options
 @reading_options
 def command(run_dir: Path, out_dir: Path | None, as_json: bool) -> None:
     """Write the visits of all sub-maps of RUN as a table and a figure, and say how often states changed."""
-    from dynmap_cli.finished import write_timeline
+    from dynmap_cli.runs.finished import write_timeline
 
     summary = write_timeline(run_dir, out_dir or run_dir / "timeline")
     lines = [*summary["lines"], f"table   {summary['table']}", f"figure  {summary['figure']}"]

@@ -23,7 +23,7 @@ def command(run_dir: Path, recordings: tuple[Path, ...], threads: int, as_json: 
     Recordings that are in RUN are not read again, and its settings stay. A LOG that does not fit is refused, and RUN
     stays as it is.
     """
-    from dynmap_cli.update import update
+    from dynmap_cli.runs.update import update
 
     check_order(run_dir, recordings)
     results = update(run_dir, recordings, threads=threads or os.cpu_count() or 1)

@@ -55,10 +55,10 @@ def _run_the_whole_chain(folder: Path, shared: Shared) -> None:
     """Simulate, build, localize; what is written is thrown away."""
     import numpy as np
 
-    from dynmap_cli.finished import localize
     from dynmap_cli.ingest.settings import IngestSettings
     from dynmap_cli.localization.particles.motion import updated_velocity
-    from dynmap_cli.pipeline import build
+    from dynmap_cli.runs.finished import localize
+    from dynmap_cli.runs.pipeline import build
     from dynmap_cli.simulation.stage import simulate_to_files
 
     scenario, recording = folder / "room.yaml", folder / "room.mcap"

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from dynmap_cli.files.manifest import damaged, read_manifest
-from dynmap_cli.floor_plan import STAGES
+from dynmap_cli.runs.floor_plan import STAGES
 
 _CHILD = """
 import os, signal, sys

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import dynmap_cli
 from dynmap_cli.files import edits, known
-from dynmap_cli.floor_plan import STAGES
+from dynmap_cli.runs.floor_plan import STAGES
 
 PACKAGE = Path(dynmap_cli.__file__).parent
 ROOMS = {"ingest", "mapping", "segmentation", "clustering", "localization"}
@@ -45,7 +45,7 @@ def test_rooms_do_not_import_one_another():
 
 
 def test_rooms_know_nothing_of_commands_and_pipeline():
-    above = {"cli", "commands", "pipeline", "floor_plan", "consistency", "finished"}
+    above = {"cli", "commands", "runs"}
     inner = ROOMS | SIDE_ROOMS | {"scan_matching", "counting", "files", "domain", "kernels"}
     assert [(f, to) for f, room, to in to_rooms() if room in inner and to in above] == []
 

@@ -7,8 +7,8 @@ import pytest
 from dynmap_cli.config import Config
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.files.space import check_space
-from dynmap_cli.floor_plan import STAGES
-from dynmap_cli.pipeline import context_of, run_one
+from dynmap_cli.runs.floor_plan import STAGES
+from dynmap_cli.runs.pipeline import context_of, run_one
 
 FREE_BYTES = 1000
 

@@ -182,7 +182,7 @@ def test_readers_share_a_run(small):
 
 
 def test_an_interrupt_is_exit_code_130(small, monkeypatch):
-    from dynmap_cli import pipeline
+    from dynmap_cli.runs import pipeline
 
     def interrupted(*_args, **_kwargs):
         raise KeyboardInterrupt

@@ -20,7 +20,7 @@ from dynmap_cli.ingest.containers import unpacking
 from dynmap_cli.ingest.containers.opening import check_path, find_sources
 from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
-from dynmap_cli.pipeline import run_one
+from dynmap_cli.runs.pipeline import run_one
 from tests.ingest.corpus import FILES, FOLDERS
 from tests.ingest.written import World, write_bag2, write_mcap
 

@@ -10,11 +10,11 @@ from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.files import edits
 from dynmap_cli.files.lock import reading
 from dynmap_cli.files.manifest import damaged, read_manifest
-from dynmap_cli.floor_plan import read_by
 from dynmap_cli.given import digests_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.report.stage import STAGE as REPORT
-from dynmap_cli.reruns import check_same_recordings
+from dynmap_cli.runs.floor_plan import read_by
+from dynmap_cli.runs.reruns import check_same_recordings
 from dynmap_cli.stage import Stage
 
 _MOST_NAMED = 3

@@ -11,7 +11,6 @@ from typing import Any
 
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config, config_of
-from dynmap_cli.consistency import check_finished
 from dynmap_cli.errors import ArtifactError, ConfigError, LogError
 from dynmap_cli.files.atomic import scratch_folder
 from dynmap_cli.files.damage import reason
@@ -21,10 +20,11 @@ from dynmap_cli.files.known import remember
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import Manifest, manifest_path, read_manifest
 from dynmap_cli.files.publishing import SWAPPED_IN, finish_swap
-from dynmap_cli.floor_plan import STAGE_PLACES, STAGES
 from dynmap_cli.given import check_recordings, digests_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
-from dynmap_cli.pipeline import StageResult, context_of, run_stage, write_run_yaml
+from dynmap_cli.runs.consistency import check_finished
+from dynmap_cli.runs.floor_plan import STAGE_PLACES, STAGES
+from dynmap_cli.runs.pipeline import StageResult, context_of, run_stage, write_run_yaml
 
 _log = logging.getLogger(__name__)
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from dynmap_cli.clustering.stage import CORRECT as CORRECT_STATES
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.config import Config
-from dynmap_cli.consistency import check_finished
 from dynmap_cli.domain.corrections import Addition, Correction, Drop, Merge, Name, Place, describe
 from dynmap_cli.domain.submaps import SubMap
 from dynmap_cli.errors import ArtifactError, ConfigError
@@ -23,17 +22,18 @@ from dynmap_cli.files.patch_archive import read_patches
 from dynmap_cli.files.publishing import finish_swap
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.submaps import read_submaps
-from dynmap_cli.floor_plan import STAGE_PLACES
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.mapping.stage import STAGE as MAP
-from dynmap_cli.pipeline import StageResult, context_of, is_up_to_date, run_stage, write_run_yaml
 from dynmap_cli.report.stage import STAGE as REPORT
+from dynmap_cli.runs.consistency import check_finished
+from dynmap_cli.runs.floor_plan import STAGE_PLACES
+from dynmap_cli.runs.pipeline import StageResult, context_of, is_up_to_date, run_stage, write_run_yaml
+from dynmap_cli.runs.update import settings_of
 from dynmap_cli.segmentation.corrections import added_submap
 from dynmap_cli.segmentation.settings import margin_cells
 from dynmap_cli.segmentation.stage import CORRECT as CORRECT_SUBMAPS
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
 from dynmap_cli.stage import Stage
-from dynmap_cli.update import settings_of
 
 
 @dataclass(frozen=True, slots=True)

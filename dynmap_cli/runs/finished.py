@@ -12,22 +12,22 @@ from typing import Any
 from dynmap_cli.clustering.stage import STAGE as CLUSTER
 from dynmap_cli.comparison import stage as comparison
 from dynmap_cli.config import Config
-from dynmap_cli.consistency import finished_run, refuse_other_recordings
 from dynmap_cli.errors import ArtifactError
 from dynmap_cli.export.stage import check_output, clean_to_file
 from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import manifest_path
 from dynmap_cli.files.patch_archive import read_names, read_patches
 from dynmap_cli.files.pgm import image_of, read_map
-from dynmap_cli.floor_plan import STAGES
 from dynmap_cli.given import check_recordings
 from dynmap_cli.history import stage as history
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
 from dynmap_cli.mapping.stage import STAGE as MAP
-from dynmap_cli.pipeline import StageResult, context_of, run_stage
 from dynmap_cli.planner import stage as planner
 from dynmap_cli.planner.choice import StateRule
+from dynmap_cli.runs.consistency import finished_run, refuse_other_recordings
+from dynmap_cli.runs.floor_plan import STAGES
+from dynmap_cli.runs.pipeline import StageResult, context_of, run_stage
 from dynmap_cli.segmentation.stage import STAGE as SEGMENT
 from dynmap_cli.stage import StageContext
 

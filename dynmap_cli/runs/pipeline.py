@@ -16,7 +16,6 @@ import yaml
 from dynmap_cli import __version__
 from dynmap_cli.compiling import announce_compilation
 from dynmap_cli.config import Config
-from dynmap_cli.consistency import check_chain, output_digests, refuse_other_recordings
 from dynmap_cli.errors import ArtifactError, LogError
 from dynmap_cli.files import edits, known
 from dynmap_cli.files.atomic import discard_scratch, replacing, scratch_folder
@@ -31,11 +30,12 @@ from dynmap_cli.files.manifest import (
 from dynmap_cli.files.pgm import image_of
 from dynmap_cli.files.publishing import finish_swap, publish, read_manifest_or_none
 from dynmap_cli.files.space import check_space
-from dynmap_cli.floor_plan import STAGE_PLACES, STAGES, read_by
 from dynmap_cli.given import check_apart, check_recordings, digests_of
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.printable import printable
-from dynmap_cli.reruns import why_again
+from dynmap_cli.runs.consistency import check_chain, output_digests, refuse_other_recordings
+from dynmap_cli.runs.floor_plan import STAGE_PLACES, STAGES, read_by
+from dynmap_cli.runs.reruns import why_again
 from dynmap_cli.stage import Stage, StageContext
 
 _log = logging.getLogger(__name__)
