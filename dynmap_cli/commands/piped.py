@@ -36,17 +36,31 @@ class LogPath(click.Path):
 
 
 def _put_by(ctx: click.Context) -> None:
-    """Copy standard input into a file, and let it stand for standard input."""
+    """Copy standard input into a file, and let it stand for standard input.
+
+    Of what begins like no recording only the first bytes are copied, for it may never end.
+    """
     from dynmap_cli.errors import LogError
+    from dynmap_cli.ingest.containers.formats import HEAD_BYTES, kind_of_head
 
     folder = TemporaryDirectory(prefix="dynmap-")
     ctx.call_on_close(folder.cleanup)
     with (Path(folder.name) / "stdin").open("xb+") as target:
+        is_known = False
         while block := os.read(0, _BLOCK_BYTES):
             if shutil.disk_usage(folder.name).free < 2 * _BLOCK_BYTES:
                 remedy = "Copy the recording into a file, or set TMPDIR."
                 msg = f"standard input: larger than {folder.name} has place for. {remedy}"
                 raise LogError(msg)
             target.write(block)
+            if not is_known and target.tell() >= HEAD_BYTES:
+                target.seek(0)
+                head = target.read(HEAD_BYTES)
+                target.seek(0, os.SEEK_END)
+                try:
+                    kind_of_head(head, "")
+                except LogError:
+                    break
+                is_known = True
         target.flush()
         os.dup2(target.fileno(), 0)

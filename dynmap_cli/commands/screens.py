@@ -13,6 +13,7 @@ from dynmap_cli.ingest.choices.track_quality import TrackQuality
 from dynmap_cli.ingest.messages.kinds import POSE_TYPES, USED_TYPES
 from dynmap_cli.ingest.raw.recording import Topic
 from dynmap_cli.ingest.report import IngestReport, LaserReport
+from dynmap_cli.printable import printable
 
 _WIDTH, _LABEL_WIDTH = 110, 16
 _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|s|m|m2|mm|cm|deg|m/s|times|per s)(?![\w/]))|(?<=\d per) (?=s\b)")
@@ -74,7 +75,7 @@ def topic_lines(topics: Iterable[Topic]) -> list[str]:
 
 def _title(report: IngestReport) -> str:
     """Names, formats, length and date."""
-    names = ", ".join(f"{found.name} ({found.kind})" for found in report.recordings)
+    names = ", ".join(f"{printable(found.name)} ({found.kind})" for found in report.recordings)
     date = ""
     if report.first_stamp_ns >= _FIRST_CLOCK_S * 10**9:
         began = datetime.fromtimestamp(report.first_stamp_ns // 10**9, UTC)

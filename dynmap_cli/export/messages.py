@@ -35,7 +35,8 @@ from dynmap_cli.ingest.containers.salvage import Span, stored_messages
 from dynmap_cli.ingest.containers.type_stores import usual_definition
 from dynmap_cli.ingest.containers.unpacking import MOST_UNPACKED, unpack_whole, unpacked_message
 from dynmap_cli.ingest.messages.blocks import check_rows
-from dynmap_cli.ingest.messages.stored import ORPHAN, Channel, Losses, StoredMessage, words_of
+from dynmap_cli.ingest.messages.stored import ORPHAN, UNTIMELY, Channel, Losses, StoredMessage, words_of
+from dynmap_cli.ingest.raw.plausible import is_stamp
 from dynmap_cli.ingest.raw.recording import file_name
 
 _DEFINITIONS = {MessageDefinitionFormat.MSG: "msg", MessageDefinitionFormat.IDL: "idl"}
@@ -218,6 +219,8 @@ def _mcap_messages(stream: Iterator[_Found], path: Path, summary: Summary) -> It
                 raise UnreadableContainerError(path, fault)
             channels[channel.id] = found_channel
         found += 1
+        if not is_stamp(message.log_time):
+            raise UnreadableContainerError(path, UNTIMELY)
         _check_size(path, message.data)
         yield _plain(
             StoredMessage(

@@ -44,7 +44,7 @@ class Salvaged:
 
     def lines(self) -> list[str]:
         """For people; losses stand on the screen of the recording already, but for what only a copy leaves out."""
-        whole = "" if self.losses else "; nothing was lost, the recording is whole"
+        whole = "" if self.losses else "; every message that is stored was copied"
         total = f"salvaged {self.messages.total()} messages on {len(self.messages)} topics{whole}"
         left_out = [line for line in self.losses if NOT_COPIED in line]
         return [total, *left_out, f"recording  {self.out_path}"]

@@ -22,7 +22,7 @@ def replacing(path: Path) -> Iterator[Path]:
         yield part
         part.replace(path)
     except OSError as err:
-        msg = f"{path}: cannot be written ({_why(err)}). Choose another output or free the place."
+        msg = f"{path}: cannot be written ({_why(err)}). {_remedy(err)}."
         raise ArtifactError(msg) from err
     finally:
         with suppress(OSError):
@@ -50,7 +50,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
         if err.errno in _NO_SPACE and not where.is_relative_to(part):
             # It may name what was read.
             where = part
-        msg = f"{where}: cannot be written ({_why(err)}). Choose another output or free the place."
+        msg = f"{where}: cannot be written ({_why(err)}). {_remedy(err)}."
         raise ArtifactError(msg) from err
     finally:
         discard_scratch(folder)
@@ -63,6 +63,13 @@ def discard_scratch(folder: Path) -> None:
 
 def _scratch_of(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}.part")
+
+
+def _remedy(err: OSError) -> str:
+    """What to do, in words that hold for verbs that take an output and for those that do not."""
+    return (
+        "Free space on this disk" if err.errno in _NO_SPACE else "Let dynmap write there, or work elsewhere"
+    )
 
 
 def _why(err: OSError) -> str:

@@ -305,8 +305,9 @@ def _drop_empty(columns: Columns, poses: F64, joined: RawRecording) -> F64:
     if not has_return:
         _, shape = columns.geometries[0]
         reach = f"{shape.range_max_m:g} m" if np.isfinite(shape.range_max_m) else "a reach that is not stated"
+        order = "" if shape.range_min_m < shape.range_max_m else ", for range_min is not below range_max"
         msg = (
-            f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and {reach}"
+            f"{joined.name}: no beam of any scan is a return between {shape.range_min_m:g} m and {reach}{order}"
             f"{losses_of(joined)}. Check range_min and range_max of the driver, or pass another --scan-topic."
         )
         raise LogError(msg)

@@ -54,7 +54,7 @@ from dynmap_cli.localization.starting.global_start import (
     search_again,
 )
 from dynmap_cli.localization.starting.modes import is_near
-from dynmap_cli.localization.starting.undecided import undecided_words
+from dynmap_cli.localization.starting.undecided import moved_words, undecided_words
 from dynmap_cli.localization.watching.health import LOST, Novelties, Patience, Verdict, scan_health
 from dynmap_cli.localization.watching.unmapped import Unmapped
 from dynmap_cli.progress import Tick, no_tick
@@ -253,7 +253,7 @@ class _Tracker:
         if found is None:
             return None
         if is_given:
-            self._result.warnings.append(_moved_words(pose, estimate_pose(found).pose))
+            self._result.warnings.append(moved_words(pose, estimate_pose(found).pose))
         self._verdict.found_elsewhere()
         result.health[-1] = replace(result.health[-1], verdict="lost", lost=self._verdict.measure)
         if not is_near(estimate_pose(found).pose[None, :], pose)[0]:
@@ -379,12 +379,6 @@ class _Tracker:
         )
         if self._settings.save_particles:
             result.clouds.append((stamp, particles))
-
-
-def _moved_words(given: F64, found: F64) -> str:
-    """A start that was given and is wrong."""
-    places = (f"({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg" for x, y, yaw in (given, found))
-    return "the robot did not start at {}, where it was said to be; it was found at {}".format(*places)
 
 
 def _is_settled(estimate: Estimate, least_share: float) -> bool:

@@ -18,7 +18,7 @@ from dynmap_cli.files.lock import writing
 from dynmap_cli.files.manifest import manifest_path
 from dynmap_cli.files.patch_archive import read_names, read_patches
 from dynmap_cli.files.pgm import image_of, read_map
-from dynmap_cli.given import check_recordings
+from dynmap_cli.given import check_apart, check_recordings
 from dynmap_cli.history import stage as history
 from dynmap_cli.ingest.stage import STAGE as INGEST
 from dynmap_cli.localization.stage import STAGE as LOCALIZE
@@ -48,6 +48,7 @@ def localize(
     """
     _check_no_run(out_dir)
     check_recordings(recordings)
+    check_apart(out_dir, recordings)
     context = replace(
         context_of(run_dir or out_dir, config, threads, ()),
         scans_dir=out_dir / INGEST.folder,
@@ -102,6 +103,7 @@ def compare(
     """Localize recordings in the patch map of a run and in maps without it; their columns go to `<out_dir>/scans`."""
     _check_no_run(out_dir)
     check_recordings(recordings)
+    check_apart(out_dir, recordings)
     context = replace(
         context_of(run_dir, config, threads, ()),
         scans_dir=out_dir / INGEST.folder,

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import run_dynmap
+from tests.ingest.corpus import FOLDERS
 
 SETTINGS, RECORDING, FILES = 3, 4, 5
 
@@ -177,6 +178,15 @@ def test_an_output_of_localize_that_cannot_be_written(refused, small, tmp_path):
     refused(
         FILES, "simulate", small.recording.parent / "room.yaml", "-o", tmp_path / "taken" / "x.mcap", "-q"
     )
+
+
+@pytest.mark.parametrize("verb", ["localize", "compare"])
+def test_an_output_that_lies_in_the_recording(refused, small, tmp_path, verb):
+    folder = FOLDERS["folder db3"](tmp_path)
+    before = sorted(folder.rglob("*"))
+    text = refused(FILES, verb, small.run_dir, folder, "-o", folder / "out", "-q")
+    assert "is, or lies in, the recording that is read" in text
+    assert sorted(folder.rglob("*")) == before
 
 
 def test_a_stage_folder_that_cannot_be_written(refused, small):

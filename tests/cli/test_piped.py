@@ -53,6 +53,19 @@ def test_nothing_through_a_pipe_is_refused():
     assert done.stderr.decode().splitlines()[-1].endswith("the file is empty")
 
 
+def test_a_pipe_without_end_that_is_no_recording_is_refused():
+    words = [sys.executable, "-m", "dynmap_cli", "check", "-", "-q"]
+    reading, writing = os.pipe()
+    done = subprocess.Popen(words, stdin=reading, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    os.close(reading)
+    with pytest.raises(BrokenPipeError):
+        while True:
+            os.write(writing, bytes(1 << 16))
+    os.close(writing)
+    assert b"not a known recording" in done.communicate()[1]
+    assert done.returncode == 4
+
+
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["check", "--help"], ["config", "show"]])
 def test_a_pipe_that_nobody_reads_is_said(words):
     reading, writing = os.pipe()

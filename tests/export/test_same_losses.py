@@ -29,6 +29,8 @@ TABLES = {
         "DROP TABLE messages",
         "ALTER TABLE m RENAME TO messages",
     ],
+    "times before all clocks": ["UPDATE messages SET timestamp = -5 WHERE id % 10 = 0"],
+    "times after all clocks": ["UPDATE messages SET timestamp = 9223372036854775807 WHERE id % 10 = 0"],
     "definitions of no known kind": ["UPDATE message_definitions SET encoding = 'hieroglyphs'"],
     "definitions that are views": [
         "DROP TABLE message_definitions",

@@ -120,6 +120,7 @@ def test_one_scan_with_odd_limits_does_not_decide_for_all(tmp_path, fields):
 def test_a_laser_without_any_return_is_refused(tmp_path, fields):
     text = refusal(write_bag1(tmp_path / "a.bag", world_with(every(1, **fields))))
     assert "no beam of any scan is a return between" in text
+    assert ("range_min is not below range_max" in text) == ("ranges" not in fields)
 
 
 @pytest.mark.parametrize("reach_m", [8.0, math.inf])

@@ -10,10 +10,12 @@ import numpy as np
 from dynmap_cli.arrays import F32, F64, I64
 from dynmap_cli.domain.mapped import give_back
 from dynmap_cli.errors import LogError
+from dynmap_cli.ingest.choices.free_space import kinds_of
 from dynmap_cli.ingest.choices.merging import Columns
 from dynmap_cli.ingest.choices.track_quality import known_jumps_m
 from dynmap_cli.ingest.raw.columns import ascends, blocks_of, spans, steps_in
 from dynmap_cli.ingest.raw.laser import RawLaser
+from dynmap_cli.ingest.raw.plausible import LONGEST_RANGE_M
 from dynmap_cli.ingest.raw.recording import RawRecording, StampedRows, file_name
 
 _LONGEST_DRIVE_NS = 7 * 86_400 * 10**9
@@ -204,7 +206,9 @@ def refuse_frozen(columns: Columns, path_m: float, name: str) -> None:
     """
     first = columns.ranges_m[:1]
     is_long = path_m >= _FROZEN_PATH_M and columns.stamps_ns.size >= _FROZEN_SCANS
-    if not is_long or not np.isfinite(first).any():
+    _, shape = columns.geometries[columns.geometry_index[0]]
+    is_return, _ = kinds_of(first, shape.range_min_m, min(shape.range_max_m, LONGEST_RANGE_M))
+    if not is_long or not is_return.any():
         return
     for rows in blocks_of(columns.ranges_m):
         block = columns.ranges_m[rows]

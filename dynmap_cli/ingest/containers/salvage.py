@@ -17,7 +17,7 @@ from dynmap_cli.ingest.messages.blocks import block_of
 from dynmap_cli.ingest.messages.foxglove import as_ros
 from dynmap_cli.ingest.messages.kinds import READ_TYPES, USED_TYPES
 from dynmap_cli.ingest.messages.ros_messages import Message, decoding_failed, end_of_messages
-from dynmap_cli.ingest.messages.stored import Channel, Losses, StoredMessage
+from dynmap_cli.ingest.messages.stored import UNTIMELY, Channel, Losses, StoredMessage
 from dynmap_cli.ingest.raw.plausible import is_stamp
 from dynmap_cli.ingest.raw.recording import RawRecording, Topic, file_name
 from dynmap_cli.ingest.refusals import damaged
@@ -99,7 +99,11 @@ def stored_messages(path: Path, losses: Losses) -> Iterator[StoredMessage]:
 def _messages_of(file: Path, losses: Losses) -> Iterator[StoredMessage]:
     """The messages that are whole in one file."""
     try:
-        yield from _READERS[file.suffix](file, losses)
+        for stored in _READERS[file.suffix](file, losses):
+            if is_stamp(stored.logged_ns):
+                yield stored
+            else:
+                losses.note(UNTIMELY, messages=1)
     except OSError as err:
         losses.note(str(err.strerror or err))
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from dynmap_cli.arrays import I64, U8
+from dynmap_cli.ingest.messages.stored import UNTIMELY
+from dynmap_cli.ingest.raw.plausible import is_stamp
 
 _LATEST = 2**63 - 1
 _LEAST_AT_ONCE, _MOST_AT_ONCE, _BYTES_AT_ONCE = 64, 2048, 1 << 19
@@ -123,8 +125,10 @@ def columns_of_rows(rows: Iterator[tuple[Any, Any, Any]]) -> Iterator[tuple[list
         n_at_once = min(max(_BYTES_AT_ONCE * len(data) // (n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE)
 
 
-def check_rows(logged_ns: Iterable[object], data: Iterable[object]) -> None:
+def check_rows(logged_ns: Sequence[Any], data: Iterable[object]) -> None:
     """Refuse what is no message: a .db3 may hold anything, and a time that is a fraction would be cut in silence.
+
+    Times that are none are refused as well: who reads message by message leaves these out, and counts them as lost.
 
     Raises
     ------
@@ -133,6 +137,8 @@ def check_rows(logged_ns: Iterable[object], data: Iterable[object]) -> None:
     if {*map(type, logged_ns)} != {int} or not {*map(type, data)} <= {bytes, memoryview}:
         msg = "rows are no messages"
         raise ValueError(msg)
+    if not (is_stamp(min(logged_ns)) and is_stamp(max(logged_ns))):
+        raise ValueError(UNTIMELY)
 
 
 def joined(blocks: Sequence[Block]) -> Block:

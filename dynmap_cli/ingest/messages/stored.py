@@ -14,6 +14,7 @@ DAMAGE = (ValueError, LookupError, ArithmeticError, struct.error)
 """What taking broken bytes apart raises."""
 
 ORPHAN = "message of no known topic"
+UNTIMELY = "messages were recorded at no possible time"
 _MOST_MISSING = 1 << 44
 _MOST_SHOWN = 5
 

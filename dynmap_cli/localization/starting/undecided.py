@@ -1,10 +1,11 @@
-"""Says that a map looks the same from several places, as far as a recording shows."""
+"""Says where a start is in doubt: a map that looks the same from several places, a start that was given wrongly."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+from dynmap_cli.arrays import F64
 from dynmap_cli.localization.particles.particle_filter import ONE_MODE_SHARE
 from dynmap_cli.localization.starting.global_start import shares_of
 from dynmap_cli.localization.starting.modes import Mode
@@ -37,3 +38,9 @@ def _called(mode: Mode) -> str:
     """A pose for people."""
     x_m, y_m, yaw_rad = mode.pose.tolist()
     return f"({x_m:.2f}, {y_m:.2f}) m, {math.degrees(math.remainder(yaw_rad, math.tau)):.0f} deg"
+
+
+def moved_words(given: F64, found: F64) -> str:
+    """One sentence for a start (3,) that was given and is wrong, and the pose (3,) where the robot was found."""
+    places = (f"({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg" for x, y, yaw in (given, found))
+    return "the robot did not start at {}, where it was said to be; it was found at {}".format(*places)
