@@ -22,6 +22,7 @@ from dynmap_cli.evaluation.association import associate, known_poses
 from dynmap_cli.evaluation.trajectories import LEAST_POSES, align, read_reference
 from dynmap_cli.files.areas_digest import KEY, areas_digest
 from dynmap_cli.files.patch_archive import read_names
+from dynmap_cli.files.registered import with_mountings_of
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import format_stamp, read_tum
 from dynmap_cli.localization.beliefs.parts import believed_parts
@@ -97,6 +98,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
             "Is it the truth of this recording?"
         )
         raise ArtifactError(msg)
+    log, _ = with_mountings_of(log, run_dir / "scans", run_dir / "map")
     log, _ = with_sound_odometry(log, config.localization)
     maps, left_out = compared_maps(run_dir, most_states)
     start, by = common_start(log, maps[0], config, truth, context.threads)

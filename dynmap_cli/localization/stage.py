@@ -13,6 +13,7 @@ from dynmap_cli.domain.scans import ScanLog
 from dynmap_cli.errors import ConfigError
 from dynmap_cli.files.areas_digest import KEY, areas_digest
 from dynmap_cli.files.pgm import read_map
+from dynmap_cli.files.registered import with_mountings_of
 from dynmap_cli.files.scan_log import read_scan_log
 from dynmap_cli.files.trajectory import write_tum
 from dynmap_cli.localization.afterwards.smoothing import smooth
@@ -183,8 +184,6 @@ def _as_mounted(context: StageContext, log: ScanLog) -> tuple[ScanLog, int]:
     """The recording with its lasers where the map of the run found them, and how many those are."""
     if context.map_yaml is not None:
         return log, 0
-    from dynmap_cli.files.registered import with_mountings_of
-
     return with_mountings_of(log, context.run_dir / "scans", context.run_dir / "map")
 
 
