@@ -1,5 +1,6 @@
 """Robots whose topics are in namespaces of their own, and whose frames have the same names."""
 
+import copy
 import math
 
 import numpy as np
@@ -48,6 +49,46 @@ def test_robots_with_frames_of_the_same_names_are_told_by_the_namespaces_of_thei
     np.testing.assert_allclose(log.odometry, (World() if name == "a" else other).poses, atol=1e-9)
     expected = [0.2, -0.1, 0.0] if name == "a" else [-0.3, 0.1, 0.4]
     np.testing.assert_allclose(log.sensor_poses, [expected], atol=1e-9)
+
+
+def test_fixed_transforms_outside_of_the_namespaces_are_those_of_each_robot(tmp_path):
+    world, other = two_robots()
+    static = [message for message in world.extra if message[0] == "/a/tf_static"]
+    world.extra = [message for message in world.extra if not message[0].endswith("tf_static")]
+    world.extra = [("/tf_static", *message[1:]) for message in static] + world.extra
+    path = write_bag2(tmp_path / "recording", world)
+    log, report = read_recordings([path], IngestSettings(scan_topic="/b/scan"))
+    assert report.odometry == "tf b/odom -> b/base_link"
+    assert not report.warnings
+    np.testing.assert_allclose(log.odometry, other.poses, atol=1e-9)
+    np.testing.assert_allclose(log.sensor_poses, [[0.2, -0.1, 0.0]], atol=1e-9)
+
+
+def test_a_robot_is_told_from_one_without_a_laser(tmp_path):
+    world, _ = two_robots()
+    world.extra = [message for message in world.extra if message[0] not in {"/b/scan", "/a/odom", "/b/odom"}]
+    log, report = read(tmp_path, world)
+    assert report.odometry == "tf a/odom -> a/base_link"
+    assert not report.warnings
+    np.testing.assert_allclose(log.odometry, World().poses, atol=1e-9)
+
+
+def test_copies_of_transforms_in_the_namespaces_of_lasers_are_of_one_robot(tmp_path):
+    world = World(with_tf=False, with_odometry=False, with_scans=False)
+    for space, mounting in (("front", World().mounting), ("rear", OTHER_MOUNTING)):
+        for topic, kind, logged_ns, known in robot(space, World(), mounting):
+            fields = copy.deepcopy(known)
+            if topic.endswith("scan"):
+                fields["header"]["frame_id"] = space
+            if topic.endswith("tf_static"):
+                fields["transforms"][0]["child_frame_id"] = space
+            world.extra.append((topic, kind, logged_ns, fields))
+    world.extra.sort(key=lambda message: message[2])
+    log, report = read(tmp_path, world)
+    assert used(report) == ["/front/scan", "/rear/scan"]
+    assert report.odometry == "tf odom -> base_link"
+    assert not report.notes
+    np.testing.assert_allclose(log.odometry, np.repeat(World().poses, 2, axis=0), atol=1e-9)
 
 
 @pytest.mark.parametrize("spaces", [("a",), ("", "a")])

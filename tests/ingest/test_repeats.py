@@ -56,6 +56,57 @@ def test_other_scans_with_stamps_that_were_there_are_of_a_clock_that_was_set(tmp
     assert "/scan jumps by -12.000 s" in line
 
 
+def doubled(messages, factor=1.0):
+    """Each scan is sent twice, the second time with other ranges where a factor says so."""
+    for topic, kind, logged_ns, known in messages:
+        yield topic, kind, logged_ns, known
+        if topic == "/scan":
+            fields = copy.deepcopy(known)
+            fields["ranges"] = fields["ranges"] * np.float32(factor)
+            yield topic, kind, logged_ns + 1000, fields
+
+
+@dataclass
+class PlayedLayers(Played):
+    """A laser with two layers, of which both have the stamp of the sweep."""
+
+    def messages(self):
+        yield from doubled(super().messages(), 1.01)
+
+
+def test_layers_of_one_stamp_are_no_passes_and_all_used(tmp_path):
+    world = PlayedLayers(passes=((0, 120),) * 3)
+    log, report = read(tmp_path, world)
+    assert "a recording that was played 3 times" in report.warnings[0]
+    np.testing.assert_array_equal(log.stamps_ns, np.repeat(world.stamps_ns, 2))
+
+
+@dataclass
+class SetBackDoubled(Room):
+    """The clock was set back by some seconds while each scan was sent twice."""
+
+    back_s: float = 3.05
+
+    def messages(self):
+        for topic, kind, logged_ns, known in doubled(super().messages()):
+            fields = copy.deepcopy(known)
+            if topic != "/tf_static" and logged_ns >= START_NS + 60 * PERIOD_NS:
+                for one in [fields] if "header" in fields else fields["transforms"]:
+                    at = one["header"]["stamp"]
+                    stamp_ns = at["sec"] * 10**9 + at["nanosec"]
+                    one["header"]["stamp"] = stamp(stamp_ns - round(self.back_s * 1e9))
+            yield topic, kind, logged_ns, fields
+
+
+def test_scans_that_are_sent_twice_are_no_passes_where_the_clock_was_set_back(tmp_path):
+    world = SetBackDoubled()
+    log, report = read(tmp_path, world)
+    (line,) = report.warnings
+    assert "/scan jumps by -3.050 s" in line
+    assert log.n_scans == world.n_scans
+    np.testing.assert_allclose(log.odometry, world.poses, atol=1e-6)
+
+
 @dataclass
 class OutOfOrder(Room):
     """Messages stand in the file by blocks of scans, those from a number to another."""

@@ -22,7 +22,7 @@ _LEAST_SCANS, _MOST_COMPARED = 10, 256
 
 
 def drop_repeats(recording: RawRecording) -> None:
-    """Keep the first of all messages that a source has with one stamp, in order of time; says so.
+    """Keep the first of all messages that a source has with one stamp in several passes, in order of time; says so.
 
     So of a pass that was recorded in part all is there that any pass has. Times of recording are put on those of the
     first pass.
@@ -33,7 +33,7 @@ def drop_repeats(recording: RawRecording) -> None:
     cuts = _returns_of(laser.stamps_ns)
     if not cuts.size:
         return
-    first, of_row = _firsts_of(laser.stamps_ns)
+    first, of_row = _firsts_of(laser.stamps_ns, cuts)
     again = np.flatnonzero(first[of_row] != np.arange(of_row.size))
     if again.size < _LEAST_SCANS * cuts.size or not _are_equal(laser, first[of_row[again]], again):
         return
@@ -56,9 +56,20 @@ def _returns_of(stamps_ns: I64) -> I64:
     return np.concatenate(found)
 
 
-def _firsts_of(stamps_ns: I64) -> tuple[I64, I64]:
-    """Where each stamp comes first (k,), in order of time, and which of these each row (n,) has."""
-    _, first, of_row = np.unique(stamps_ns, return_index=True, return_inverse=True)
+def _firsts_of(stamps_ns: I64, cuts: I64) -> tuple[I64, I64]:
+    """Where each stamp comes first (k,), in order of time, and which of these each row (n,) has.
+
+    What has one stamp in one pass, as messages that a driver sends twice or the layers of a laser, repeats nothing: the
+    first of them is that with the first of another pass, the second that with the second.
+    """
+    _, of_stamp = np.unique(stamps_ns, return_inverse=True)
+    of_pass = np.searchsorted(cuts, np.arange(stamps_ns.size), side="right")
+    order = np.lexsort((of_pass, of_stamp))
+    is_new = (np.diff(of_stamp[order], prepend=-1) != 0) | (np.diff(of_pass[order], prepend=-1) != 0)
+    place = np.arange(order.size)
+    rank = np.empty_like(place)
+    rank[order] = place - np.maximum.accumulate(np.where(is_new, place, 0))
+    _, first, of_row = np.unique(of_stamp * (rank.max() + 1) + rank, return_index=True, return_inverse=True)
     return first, of_row
 
 
@@ -73,7 +84,7 @@ def _are_equal(laser: RawLaser, before: I64, again: I64) -> bool:
 
 
 def _keep_first(source: Stamped) -> None:
-    """Forget what has a stamp again, and let no pass be recorded later than the first."""
+    """Forget what has a stamp of another pass again, and let no pass be recorded later than the first."""
     cuts = _returns_of(source.stamps_ns)
     if not cuts.size:
         return
@@ -83,4 +94,4 @@ def _keep_first(source: Stamped) -> None:
     for low, high, delay_ns in zip(edges[1:-1], edges[2:], delays_ns[1:], strict=True):
         logged_ns[low:high] -= delay_ns - delays_ns[0]
     source.logged_ns = logged_ns
-    source.keep(_firsts_of(stamps_ns)[0])
+    source.keep(_firsts_of(stamps_ns, cuts)[0])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
+from itertools import combinations
 
-from dynmap_cli.ingest.raw.recording import RawRecording
+import numpy as np
+
+from dynmap_cli.ingest.raw.recording import RawRecording, RawTransform
 
 
 def namespace_of(topic: str) -> str:
@@ -15,19 +18,31 @@ def namespace_of(topic: str) -> str:
 def robots_in(recording: RawRecording) -> tuple[str, ...]:
     """Namespaces of robots whose frames have the same names, sorted; none where frames tell all robots apart.
 
-    A robot has a laser in its namespace, and transforms of frames that move and that another such robot has too.
-    Transforms outside of all namespaces may be copies of those inside, and part nothing.
+    Two namespaces, of which one has a laser, have transforms of frames that move and have the same names. Transforms
+    outside of all namespaces may be copies of those inside, and part nothing; nor do copies in the namespaces of
+    several lasers of one robot.
     """
-    spaces = {
-        space
-        for space, _, _ in recording.transforms_read
-        if space and any(_is_in(laser.name, space) for laser in recording.lasers.values())
+    spaces = {space for space, _, _ in recording.transforms_read if space}
+    with_laser = {
+        space for space in spaces for laser in recording.lasers.values() if _is_in(laser.name, space)
     }
-    moving = {
-        key for key, found in recording.transforms_read.items() if key[0] in spaces and not found.is_static
-    }
-    shared = Counter((parent, child) for _, parent, child in moving)
-    return tuple(sorted({space for space, parent, child in moving if shared[parent, child] > 1}))
+    moving: defaultdict[tuple[str, str], dict[str, RawTransform]] = defaultdict(dict)
+    for (space, *pair), found in recording.transforms_read.items():
+        if space and not found.is_static:
+            moving[pair[0], pair[1]][space] = found
+    told_apart = (
+        pair
+        for of_space in moving.values()
+        for pair in combinations(of_space, 2)
+        if with_laser.intersection(pair) and not _are_copies(of_space[pair[0]], of_space[pair[1]])
+    )
+    return tuple(sorted({space for pair in told_apart for space in pair}))
+
+
+def _are_copies(one: RawTransform, other: RawTransform) -> bool:
+    """Whether transforms of two topics have stamps in common, and at these the same values."""
+    _, rows, other_rows = np.intersect1d(one.stamps_ns, other.stamps_ns, return_indices=True)
+    return bool(rows.size) and np.array_equal(one.values[rows], other.values[other_rows], equal_nan=True)
 
 
 def name_frames(recording: RawRecording, robots: tuple[str, ...]) -> None:
@@ -45,6 +60,24 @@ def name_frames(recording: RawRecording, robots: tuple[str, ...]) -> None:
         f"frames of {', '.join(robots)} have the same names: taken as robots of their own, each with its namespace "
         "before its frames"
     )
+
+
+def share_fixed(recording: RawRecording, robots: tuple[str, ...]) -> None:
+    """Let fixed transforms that were published outside of the namespaces of robots be those of each robot as well.
+
+    What a robot has itself stays, and frames that have the namespace of a robot are of no other.
+    """
+    outside = [
+        (pair, found)
+        for pair, found in recording.transforms.items()
+        if found.is_static and not any(frame.startswith(f"{robot}/") for robot in robots for frame in pair)
+    ]
+    for (parent, child), found in outside:
+        for robot in robots:
+            pair = frame_in(robot, parent), frame_in(robot, child)
+            if pair not in recording.transforms:
+                recording.transforms[pair] = RawTransform(is_static=True)
+                recording.transforms[pair].add_many(found.stamps_ns, found.logged_ns, found.values)
 
 
 def frame_in(robot: str, frame: str) -> str:

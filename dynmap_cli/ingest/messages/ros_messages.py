@@ -13,7 +13,7 @@ import numpy as np
 
 from dynmap_cli.arrays import B1, F32, F64
 from dynmap_cli.ingest.messages.kinds import LASER_TYPES, ODOMETRY_TYPES, POSE_TYPES, TRANSFORM_TYPES
-from dynmap_cli.ingest.messages.namespaces import frame_in, name_frames, namespace_of, robots_in
+from dynmap_cli.ingest.messages.namespaces import frame_in, name_frames, namespace_of, robots_in, share_fixed
 from dynmap_cli.ingest.messages.stored import words_of
 from dynmap_cli.ingest.raw.columns import spans
 from dynmap_cli.ingest.raw.laser import ScanShape
@@ -255,6 +255,7 @@ def _clean_transforms(recording: RawRecording) -> None:
         kept = recording.transforms.setdefault(pair, RawTransform(raw.is_static))
         kept.add_many(raw.stamps_ns[is_pose], raw.logged_ns[is_pose], raw.values[is_pose])
         kept.keep(np.argsort(kept.logged_ns, kind="stable"))
+    share_fixed(recording, robots)
 
 
 def _are_transforms(values: F64) -> B1:
