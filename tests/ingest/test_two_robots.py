@@ -117,6 +117,21 @@ def test_scans_with_stamps_of_others_are_no_second_robot(every, tmp_path):
     assert not any("second robot" in line for line in report.warnings)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, 7.9])
+@pytest.mark.parametrize("every", [2, 3, 10, 20])
+def test_a_laser_that_drops_out_now_and_then_is_no_second_robot(value, every, tmp_path):
+    world = Room()
+
+    def change(number, fields):
+        if number % every == 1:
+            fields["ranges"] = np.full_like(fields["ranges"], value)
+
+    world.change = change
+    log, report = read(tmp_path, world)
+    assert log.n_scans >= world.n_scans // 2
+    assert not any("second robot" in line for line in report.warnings)
+
+
 def test_scans_of_two_robots_in_turn_are_refused(tmp_path):
     world, far = Room(), Room(skipped=60)
     world.extra = [

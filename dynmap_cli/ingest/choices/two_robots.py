@@ -23,7 +23,7 @@ _LOOK_AHEAD = 4
 _LEAST_JUMPS, _MOST_STEPS_PER_JUMP = 10, 20
 _CLEARLY = 0.7
 _CHANGED_M, LEAST_ALTERNATING, _LEAST_SCANS = 0.2, 0.3, 20
-_FARTHEST_M = 10.0
+_FARTHEST_M, _MOST_ALIKE = 10.0, 0.9
 _RETURNS_WITHIN, _OTHER_SHARE, _LEAST_RETURNING = 64, 0.7, 0.03
 _MOST_LOOKED_AT, _LOOKED_AT_ONCE, _BEAMS_LOOKED_AT = 256, 16, 90
 
@@ -166,10 +166,15 @@ def _clipped(ranges_m: F32) -> F32:
 
 
 def alternates(ranges_m: F32, geometry_index: I32) -> B1:
-    """(n,) where of four sweeps (n, 4, n_beams) the first is much more like the third or fourth than the second."""
+    """(n,) where of four sweeps (n, 4, n_beams) the first is much more like the third or fourth than the second.
+
+    Sweeps of which nearly all beams have one value show no place, as where a laser drops out.
+    """
     values = _clipped(ranges_m)
+    is_usual = values[:, :2] == np.median(values[:, :2], axis=2, keepdims=True)
+    shows_place = (is_usual.mean(axis=2) < _MOST_ALIKE).all(axis=1)
     change_m = np.median(np.abs(values[:, 1:] - values[:, :1]), axis=2)
     is_alike = geometry_index[:, 1:] == geometry_index[:, :1]
     next_m = np.where(is_alike[:, 0], change_m[:, 0], np.nan)
     later_m = np.where(is_alike[:, 1:], change_m[:, 1:], np.inf).min(axis=1)
-    return np.asarray((next_m > _CHANGED_M) & (later_m < _BACK_SHARE * next_m))
+    return np.asarray(shows_place & (next_m > _CHANGED_M) & (later_m < _BACK_SHARE * next_m))
