@@ -73,6 +73,18 @@ def test_a_robot_is_told_from_one_without_a_laser(tmp_path):
     np.testing.assert_allclose(log.odometry, World().poses, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["", "b"])
+def test_a_robot_without_a_namespace_is_told_from_one_in_a_namespace(name, tmp_path):
+    world, other = two_robots()
+    world.extra = [(topic.replace("/a/", "/"), *rest) for topic, *rest in world.extra]
+    path = write_bag2(tmp_path / "recording", world)
+    log, report = read_recordings([path], IngestSettings(scan_topic=f"/{name}/scan".replace("//", "/")))
+    assert report.odometry == ("tf b/odom -> b/base_link" if name else "tf odom -> base_link")
+    assert not report.warnings
+    np.testing.assert_allclose(log.odometry, (other if name else World()).poses, atol=1e-9)
+    np.testing.assert_allclose(log.sensor_poses, [[-0.3, 0.1, 0.4] if name else [0.2, -0.1, 0.0]], atol=1e-9)
+
+
 def test_copies_of_transforms_in_the_namespaces_of_lasers_are_of_one_robot(tmp_path):
     world = World(with_tf=False, with_odometry=False, with_scans=False)
     for space, mounting in (("front", World().mounting), ("rear", OTHER_MOUNTING)):

@@ -18,9 +18,9 @@ def namespace_of(topic: str) -> str:
 def robots_in(recording: RawRecording) -> tuple[str, ...]:
     """Namespaces of robots whose frames have the same names, sorted; none where frames tell all robots apart.
 
-    Two namespaces, of which one has a laser, have transforms of frames that move and have the same names. Transforms
-    outside of all namespaces may be copies of those inside, and part nothing; nor do copies in the namespaces of
-    several lasers of one robot.
+    Two namespaces, of which one has a laser, have transforms of frames that move and have the same names. Copies part
+    nothing, as in the namespaces of several lasers of one robot. Outside of all namespaces there may be a robot as
+    well, or anything else of those inside: there only odometry at the same time tells.
     """
     spaces = {space for space, _, _ in recording.transforms_read if space}
     with_laser = {
@@ -28,15 +28,22 @@ def robots_in(recording: RawRecording) -> tuple[str, ...]:
     }
     moving: defaultdict[tuple[str, str], dict[str, RawTransform]] = defaultdict(dict)
     for (space, *pair), found in recording.transforms_read.items():
-        if space and not found.is_static:
+        if not found.is_static and (space or "odom" in pair[0].rpartition("/")[2]):
             moving[pair[0], pair[1]][space] = found
     told_apart = (
         pair
         for of_space in moving.values()
         for pair in combinations(of_space, 2)
-        if with_laser.intersection(pair) and not _are_copies(of_space[pair[0]], of_space[pair[1]])
+        if with_laser.intersection(pair)
+        and ("" not in pair or _overlap(of_space[pair[0]], of_space[pair[1]]))
+        and not _are_copies(of_space[pair[0]], of_space[pair[1]])
     )
-    return tuple(sorted({space for pair in told_apart for space in pair}))
+    return tuple(sorted({space for pair in told_apart for space in pair if space}))
+
+
+def _overlap(one: RawTransform, other: RawTransform) -> bool:
+    """Whether each of two has stamps from the time of the other."""
+    return bool(one.stamps_ns.min() < other.stamps_ns.max() and other.stamps_ns.min() < one.stamps_ns.max())
 
 
 def _are_copies(one: RawTransform, other: RawTransform) -> bool:
@@ -57,8 +64,8 @@ def name_frames(recording: RawRecording, robots: tuple[str, ...]) -> None:
             if _is_in(track.name, robot):
                 track.frame, track.child = frame_in(robot, track.frame), frame_in(robot, track.child)
     recording.notes.append(
-        f"frames of {', '.join(robots)} have the same names: taken as robots of their own, each with its namespace "
-        "before its frames"
+        f"frames of {', '.join(robots)} have the same names as others: taken as robots of their own, each with its "
+        "namespace before its frames"
     )
 
 
