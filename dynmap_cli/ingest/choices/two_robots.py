@@ -161,8 +161,9 @@ def _returns(ranges_m: F32) -> bool:
 
 
 def _clipped(ranges_m: F32) -> F32:
-    """Ranges of which none is unknown, or so far that it counts for more than others."""
-    return np.minimum(np.nan_to_num(ranges_m, nan=_FARTHEST_M, posinf=_FARTHEST_M), np.float32(_FARTHEST_M))
+    """Ranges of which none is unknown or negative, or so far that it counts for more than others."""
+    known_m = np.nan_to_num(ranges_m, nan=_FARTHEST_M, posinf=_FARTHEST_M)
+    return np.clip(known_m, np.float32(0.0), np.float32(_FARTHEST_M))
 
 
 def alternates(ranges_m: F32, geometry_index: I32) -> B1:
