@@ -219,8 +219,7 @@ def _mcap_messages(stream: Iterator[_Found], path: Path, summary: Summary) -> It
                 raise UnreadableContainerError(path, fault)
             channels[channel.id] = found_channel
         found += 1
-        if not is_stamp(message.log_time):
-            raise UnreadableContainerError(path, UNTIMELY)
+        _check_time(path, message.log_time)
         _check_size(path, message.data)
         yield _plain(
             StoredMessage(
@@ -259,6 +258,7 @@ def _bag_messages(reader: AnyReader, channels: dict[int, Channel], path: Path) -
         except Exception as err:
             raise UnreadableContainerError(path, words_of(err)) from err
         key = id(connection)
+        _check_time(path, logged_ns)
         _check_size(path, data)
         yield _plain(StoredMessage(logged_ns, logged_ns, counts[key], channels[key], bytes(data)))
         counts[key] += 1
@@ -270,6 +270,12 @@ def _check_count(path: Path, stated: int, found: int) -> None:
     if found != stated:
         why = f"it says that it holds {stated} messages, and holds {found}"
         raise UnreadableContainerError(path, why)
+
+
+def _check_time(path: Path, logged_ns: int) -> None:
+    """Refuse a recording with a message from no possible time, as the reader does."""
+    if not is_stamp(logged_ns):
+        raise UnreadableContainerError(path, UNTIMELY)
 
 
 def _check_size(path: Path, data: bytes) -> None:

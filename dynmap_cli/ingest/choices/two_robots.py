@@ -172,10 +172,17 @@ def alternates(ranges_m: F32, geometry_index: I32) -> B1:
     Sweeps of which nearly all beams have one value show no place, as where a laser drops out.
     """
     values = _clipped(ranges_m)
-    is_usual = values[:, :2] == np.median(values[:, :2], axis=2, keepdims=True)
-    shows_place = (is_usual.mean(axis=2) < _MOST_ALIKE).all(axis=1)
     change_m = np.median(np.abs(values[:, 1:] - values[:, :1]), axis=2)
     is_alike = geometry_index[:, 1:] == geometry_index[:, :1]
     next_m = np.where(is_alike[:, 0], change_m[:, 0], np.nan)
     later_m = np.where(is_alike[:, 1:], change_m[:, 1:], np.inf).min(axis=1)
-    return np.asarray(shows_place & (next_m > _CHANGED_M) & (later_m < _BACK_SHARE * next_m))
+    result = np.asarray((next_m > _CHANGED_M) & (later_m < _BACK_SHARE * next_m))
+    if result.any():
+        result[result] = _show_places(values[result, :2])
+    return result
+
+
+def _show_places(ranges_m: F32) -> B1:
+    """(n,) where not nearly all beams of a sweep have one value, in any of some sweeps (n, n_sweeps, n_beams)."""
+    is_usual = ranges_m == np.median(ranges_m, axis=2, keepdims=True)
+    return np.asarray((is_usual.mean(axis=2) < _MOST_ALIKE).all(axis=1))

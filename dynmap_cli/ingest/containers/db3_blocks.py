@@ -12,7 +12,7 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 from dynmap_cli.ingest.containers.db3_opening import Db3Reader
-from dynmap_cli.ingest.messages.blocks import Block, block_of, check_rows, columns_of_rows
+from dynmap_cli.ingest.messages.blocks import Block, block_of_rows, columns_of_rows
 
 _QUERY = "SELECT topic_id, timestamp, CASE WHEN topic_id IN ({}) THEN data END FROM messages ORDER BY timestamp, rowid"
 
@@ -41,8 +41,7 @@ def db3_blocks(storage: Db3Reader, wanted: Mapping[int, int]) -> Iterator[Block]
             counts.update(topics)
             rows = _asked_for(list(map(wanted.get, topics)), logged_ns, data)
             if rows.data:
-                check_rows(rows.logged_ns, rows.data)
-                yield block_of(rows.data, rows.channels, rows.logged_ns)
+                yield block_of_rows(rows.data, rows.channels, rows.logged_ns)
     storage.take_counts(counts)
 
 

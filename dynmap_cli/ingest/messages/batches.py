@@ -224,7 +224,8 @@ class Batches:
         channels = block.channels[rows]
         spaces = {number: namespace_of(self._names[number][0]) for number in np.unique(channels).tolist()}
         for space in sorted(set(spaces.values())):
-            yield space, rows[np.isin(channels, [number for number in spaces if spaces[number] == space])]
+            within = [number for number in spaces if spaces[number] == space]
+            yield space, rows if len(within) == len(spaces) else rows[np.isin(channels, within)]
 
 
 @dataclass(frozen=True, slots=True)

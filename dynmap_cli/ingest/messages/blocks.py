@@ -11,7 +11,7 @@ import numpy as np
 
 from dynmap_cli.arrays import I64, U8
 from dynmap_cli.ingest.messages.stored import UNTIMELY
-from dynmap_cli.ingest.raw.plausible import is_stamp
+from dynmap_cli.ingest.raw.plausible import are_stamps
 
 _LATEST = 2**63 - 1
 _LEAST_AT_ONCE, _MOST_AT_ONCE, _BYTES_AT_ONCE = 64, 2048, 1 << 19
@@ -104,8 +104,7 @@ def _as_int64(logged_ns: Any) -> I64:
 def blocks_of_rows(rows: Iterator[tuple[int, int, bytes]]) -> Iterator[Block]:
     """Yield messages that come one by one, each behind the number of its channel and its time, half a MiB at a time."""
     for channels, logged_ns, data in columns_of_rows(rows):
-        check_rows(logged_ns, data)
-        yield block_of(data, channels, logged_ns)
+        yield block_of_rows(data, channels, logged_ns)
 
 
 def columns_of_rows(rows: Iterator[tuple[Any, Any, Any]]) -> Iterator[tuple[list[Any], list[Any], list[Any]]]:
@@ -125,10 +124,25 @@ def columns_of_rows(rows: Iterator[tuple[Any, Any, Any]]) -> Iterator[tuple[list
         n_at_once = min(max(_BYTES_AT_ONCE * len(data) // (n_bytes + 1), 1), 2 * n_at_once, _MOST_AT_ONCE)
 
 
-def check_rows(logged_ns: Sequence[Any], data: Iterable[object]) -> None:
-    """Refuse what is no message: a .db3 may hold anything, and a time that is a fraction would be cut in silence.
+def block_of_rows(data: Sequence[Any], channels: Any, logged_ns: Sequence[Any]) -> Block:
+    """A block of rows of a table, which may hold anything.
 
     Times that are none are refused as well: who reads message by message leaves these out, and counts them as lost.
+
+    Raises
+    ------
+    ValueError
+        If there are rows that are no messages.
+    """
+    check_rows(logged_ns, data)
+    block = block_of(data, channels, logged_ns)
+    if not are_stamps(block.logged_ns).all():
+        raise ValueError(UNTIMELY)
+    return block
+
+
+def check_rows(logged_ns: Iterable[object], data: Iterable[object]) -> None:
+    """Refuse what is no message: a .db3 may hold anything, and a time that is a fraction would be cut in silence.
 
     Raises
     ------
@@ -137,8 +151,6 @@ def check_rows(logged_ns: Sequence[Any], data: Iterable[object]) -> None:
     if {*map(type, logged_ns)} != {int} or not {*map(type, data)} <= {bytes, memoryview}:
         msg = "rows are no messages"
         raise ValueError(msg)
-    if not (is_stamp(min(logged_ns)) and is_stamp(max(logged_ns))):
-        raise ValueError(UNTIMELY)
 
 
 def joined(blocks: Sequence[Block]) -> Block:
