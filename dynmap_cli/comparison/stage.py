@@ -98,7 +98,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
             "Is it the truth of this recording?"
         )
         raise ArtifactError(msg)
-    log, _ = with_mountings_of(log, run_dir / "scans", run_dir / "map")
+    log, mounted_words = with_mountings_of(log, run_dir / "scans", run_dir / "map")
     log, _ = with_sound_odometry(log, config.localization)
     maps, left_out = compared_maps(run_dir, most_states)
     start, by = common_start(log, maps[0], config, truth, context.threads)
@@ -133,6 +133,7 @@ def compare(context: StageContext, truth_files: TruthFiles, most_states: int) ->
         "lines": [
             f"start {start[0]:.2f}, {start[1]:.2f} m, {np.degrees(start[2]):.0f} degrees, {by}",
             *(_sentence(course, courses[0]) for course in courses),
+            *([mounted_words] if mounted_words else []),
             conclusion(courses, called, first_ns),
             *([] if courses[0].states else ["no sub-map came into view, so there is no states.png"]),
             *_left_out(left_out, log.n_drives),

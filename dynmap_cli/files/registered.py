@@ -50,20 +50,28 @@ def read_registered(scans_dir: Path, map_dir: Path) -> tuple[ScanLog, Trajectory
     return replace(log, beam_interval_s=intervals, sensor_poses=sensor_poses), trajectory
 
 
-def with_mountings_of(log: ScanLog, scans_dir: Path, map_dir: Path) -> tuple[ScanLog, int]:
-    """Another recording, with lasers where the map found those stated to be in the same places; and how many moved.
+def with_mountings_of(log: ScanLog, scans_dir: Path, map_dir: Path) -> tuple[ScanLog, str]:
+    """Another recording, with lasers where the map found those stated to be in the same places; and what to say of it.
 
-    The same wrong mounting is stated in every recording of a robot.
+    The same wrong mounting is stated in every recording of a robot. What was stated stands in the scans of the run.
     """
     if not (map_dir / MOUNTINGS).exists():
-        return log, 0
+        return log, ""
+    if not scans_dir.exists():
+        return log, (
+            f"all lasers taken to be mounted as stated: which of them the map found elsewhere, {scans_dir} would tell"
+        )
     stated = read_scan_log(scans_dir).sensor_poses
     found = _read_table(map_dir / MOUNTINGS, stated.shape, "sensor poses")
     mounted = log.sensor_poses.copy()
     for before, after in zip(stated, found, strict=True):
         mounted[(log.sensor_poses == before).all(axis=1)] = after
-    moved = log.sensor_poses[(mounted != log.sensor_poses).any(axis=1)]
-    return replace(log, sensor_poses=mounted), len(np.unique(moved, axis=0))
+    moved = np.unique(log.sensor_poses[(mounted != log.sensor_poses).any(axis=1)], axis=0)
+    if not moved.size:
+        return log, ""
+    lasers = "1 laser" if len(moved) == 1 else f"{len(moved)} lasers"
+    told = f"{lasers} taken to be mounted as the map found it, not as stated"
+    return replace(log, sensor_poses=mounted), told
 
 
 def _read_table(path: Path, shape: tuple[int, ...], what: str) -> F64:

@@ -56,7 +56,7 @@ def run(context: StageContext) -> dict[str, Any]:
     pool = make_map_pool(grid, [part.states for part in parts], settings)
     if settings.sensor == "beam":
         pool = with_beam_model(pool, grid, _counting_map(context), [part.states for part in parts])
-    log, moved = _as_mounted(context, log)
+    log, mounted_words = _as_mounted(context, log)
     log, wheel_words = with_sound_odometry(log, settings)
     with progress("localize", log.n_scans, "scans") as tick:
         found = localize_log(
@@ -81,9 +81,8 @@ def run(context: StageContext) -> dict[str, Any]:
     summary = summarize(found, believed, _names(context))
     if context.map_yaml is None:
         summary[KEY] = areas_digest(context.run_dir / "patches" / "patches.zip")
-    if moved:
-        lasers = "1 laser" if moved == 1 else f"{moved} lasers"
-        summary["lines"].append(f"{lasers} taken to be mounted as the map found it, not as stated")
+    if mounted_words:
+        summary["lines"].append(mounted_words)
     warnings += [*wheel_words, *found.warnings, *_warn_of_gaps(log, found.health, settings)]
     outside = began_outside(found.health, int(log.stamps_ns[0]))
     warnings += (
@@ -180,10 +179,10 @@ def _parts(context: StageContext, patch_sets: Sequence[PatchSet]) -> tuple[Part,
     return believed_parts(patch_sets, visits, context.config.localization.states)
 
 
-def _as_mounted(context: StageContext, log: ScanLog) -> tuple[ScanLog, int]:
-    """The recording with its lasers where the map of the run found them, and how many those are."""
+def _as_mounted(context: StageContext, log: ScanLog) -> tuple[ScanLog, str]:
+    """The recording with its lasers where the map of the run found them, and what to say of it."""
     if context.map_yaml is not None:
-        return log, 0
+        return log, ""
     return with_mountings_of(log, context.run_dir / "scans", context.run_dir / "map")
 
 
