@@ -11,7 +11,7 @@ from dynmap_cli.ingest.seen_motion.agreement import agreement
 from dynmap_cli.ingest.seen_motion.turns import turns_of
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
-from tests.ingest.written import ODOMETRY, TF, odometry, stamp, transform
+from tests.ingest.written import ODOMETRY, TF, move_stamps, odometry, transform
 
 HOUR_NS = 3600 * 10**9
 
@@ -20,8 +20,7 @@ def shifted(shift_ns):
     """Changes the stamp of a scan, but not when it was recorded."""
 
     def change(_number, fields):
-        header = fields["header"]
-        header["stamp"] = stamp(header["stamp"]["sec"] * 10**9 + header["stamp"]["nanosec"] + shift_ns)
+        move_stamps(fields, shift_ns)
 
     return change
 

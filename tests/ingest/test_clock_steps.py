@@ -10,7 +10,7 @@ from dynmap_cli.ingest.reading import read_recordings
 from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
-from tests.ingest.written import PERIOD_NS, stamp, write_bag1, write_bag2
+from tests.ingest.written import PERIOD_NS, move_stamps, write_bag1, write_bag2
 
 SOURCES = {"laser": ("/scan",), "odometry": ("/odom", "/tf"), "all": ("/scan", "/odom", "/tf")}
 
@@ -29,14 +29,7 @@ class Late(Room):
             number = counts[topic] = counts.get(topic, -1) + 1
             stamp_ns, later_ns = self.moved_ns(topic, number)
             if topic != "/tf_static":
-                headers = (
-                    [fields["header"]]
-                    if "header" in fields
-                    else [one["header"] for one in fields["transforms"]]
-                )
-                for header in headers:
-                    at_ns = header["stamp"]["sec"] * 10**9 + header["stamp"]["nanosec"]
-                    header["stamp"] = stamp(at_ns + stamp_ns)
+                move_stamps(fields, stamp_ns)
             yield topic, kind, logged_ns + 20_000_000 + later_ns, fields
 
 

@@ -11,7 +11,7 @@ from dynmap_cli.ingest.settings import IngestSettings
 from tests.ingest.rooms import Room
 from tests.ingest.test_choices import read
 from tests.ingest.test_clock_steps import Late, clock_warnings
-from tests.ingest.written import PERIOD_NS, START_NS, stamp, write_bag2
+from tests.ingest.written import PERIOD_NS, START_NS, move_stamps, stamp, write_bag2
 
 PASS_NS = 120 * PERIOD_NS
 
@@ -122,14 +122,7 @@ class OutOfOrder(Room):
             shift_ns = -round(number * self.back_s * 1e9)
             for topic, kind, logged_ns, fields in messages[1:]:
                 if first <= (logged_ns - START_NS) // PERIOD_NS < last:
-                    headers = (
-                        [fields["header"]]
-                        if "header" in fields
-                        else [one["header"] for one in fields["transforms"]]
-                    )
-                    for header in headers:
-                        at_ns = header["stamp"]["sec"] * 10**9 + header["stamp"]["nanosec"]
-                        header["stamp"] = stamp(at_ns + shift_ns)
+                    move_stamps(fields, shift_ns)
                     yield topic, kind, logged_ns + shift_ns, fields
 
 

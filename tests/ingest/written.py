@@ -98,6 +98,14 @@ def stamp(stamp_ns: int) -> dict[str, int]:
     return {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
 
 
+def move_stamps(fields: dict[str, Any], by_ns: int) -> None:
+    """Move the stamps of the headers of a message."""
+    for one in [fields] if "header" in fields else fields["transforms"]:
+        header = one["header"]
+        at_ns = header["stamp"]["sec"] * 10**9 + header["stamp"]["nanosec"]
+        header["stamp"] = stamp(at_ns + by_ns)
+
+
 def transform(parent: str, child: str, stamp_ns: int, values: tuple[float, ...]) -> dict[str, Any]:
     return {
         "header": {"stamp": stamp(stamp_ns), "frame_id": parent},
